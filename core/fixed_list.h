@@ -1,0 +1,43 @@
+// FixedList: a list with a capacity set once, which counts what did not fit.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+namespace curlew {
+
+template <typename T>
+class FixedList {
+ public:
+  explicit FixedList(std::size_t capacity) : items_(capacity) {}
+
+  /// Appends, or counts an overflow when full. Never allocates.
+  bool push(const T& item) noexcept {
+    if (size_ == items_.size()) {
+      ++overflow_;
+      return false;
+    }
+    items_[size_++] = item;
+    return true;
+  }
+  void clear() noexcept {
+    size_ = 0;
+    overflow_ = 0;
+  }
+
+  std::size_t size() const { return size_; }
+  bool empty() const { return size_ == 0; }
+  std::size_t capacity() const { return items_.size(); }
+  int overflow() const { return overflow_; }  ///< items that did not fit since clear()
+  T& operator[](std::size_t i) { return items_[i]; }
+  const T& operator[](std::size_t i) const { return items_[i]; }
+  const T* begin() const { return items_.data(); }
+  const T* end() const { return items_.data() + size_; }
+
+ private:
+  std::vector<T> items_;
+  std::size_t size_ = 0;
+  int overflow_ = 0;
+};
+
+}  // namespace curlew

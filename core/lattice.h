@@ -1,0 +1,103 @@
+// Lattice: nodes, edges, cells, holes and components of a pupil, from the mask of its lenslets.
+//
+// The lenslets' corners are the nodes (Fried's geometry). Corner (i, j) is the one above and left
+// of lenslet (i, j). A lenslet with corners 00, 01, 10, 11 (row, col) is two edges, its diagonals:
+//   edge A: 00 → 11 carries s_x + s_y = φ11 − φ00,
+//   edge B: 01 → 10 carries s_y − s_x = φ10 − φ01.
+// Every edge joins corners of one parity (i + j even, or odd): the two sublattices. What an edge
+// of one sublattice separates are corners of the other, so these are its faces: a corner among
+// four lenslets is a cell, corners joined through missing lenslets are the face of a hole, and
+// everything joined to the outside is the outer face.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "core/fixed_list.h"
+#include "core/image.h"
+
+namespace curlew {
+
+/// One hole of the pupil: missing lenslets that lenslets surround.
+/// A hole that touches the rim, or another gap, by a corner may have a loop on one sublattice only.
+struct LatticeHole {
+  float x = 0;  ///< mean place of its missing corners' faces, lenslet units
+  float y = 0;
+  int loops_even = 0;  ///< loops running on even corners
+  int loops_odd = 0;
+};
+
+/// Built in place so that a frame whose lenslets have faded can have its own: build() allocates
+/// nothing.
+class Lattice {
+ public:
+  Lattice(int lenslet_rows, int lenslet_cols);
+
+  /// valid: [rows, cols], non-zero where a lenslet takes part.
+  void build(const Image<std::uint8_t>& valid) noexcept;
+
+  int rows() const { return rows_; }
+  int cols() const { return cols_; }
+  int corner_cols() const { return cols_ + 1; }
+  int n_corners() const { return (rows_ + 1) * (cols_ + 1); }
+  int n_lenslets() const { return n_lenslets_; }
+
+  /// The four corners 00, 01, 10, 11 of lenslet k.
+  std::array<int, 4> corners_of(int lenslet) const {
+    const int corner = lenslet / cols_ * corner_cols() + lenslet % cols_;
+    return {corner, corner + 1, corner + corner_cols(), corner + corner_cols() + 1};
+  }
+  bool is_odd(int corner) const {
+    return (corner / corner_cols() + corner % corner_cols()) % 2 != 0;
+  }
+
+  /// Connected component of a corner as a node; −1 where no valid lenslet touches it.
+  /// Components are numbered through both sublattices.
+  int component_of(int corner) const { return component_[index(corner)]; }
+  int n_components() const { return n_components_; }
+  int n_nodes() const { return n_nodes_; }
+
+  /// Face of a corner seen from the other sublattice. Faces 0 and 1 are the outer ones (of even
+  /// corners and of odd corners).
+  int face_of(int corner) const { return face_[index(corner)]; }
+  int n_faces() const { return n_faces_; }
+
+  /// Hole of a face, −1 for cells and the outer faces.
+  int hole_of_face(int face) const { return hole_of_face_[index(face)]; }
+  const FixedList<LatticeHole>& holes() const { return holes_; }
+
+  /// Lenslets whose phases share one free constant: those with the same pair of (even, odd)
+  /// components. −1 where the lenslet is not valid.
+  int phase_group_of(int lenslet) const { return phase_group_[index(lenslet)]; }
+  int n_phase_groups() const { return n_phase_groups_; }
+
+ private:
+  static std::size_t index(int i) { return static_cast<std::size_t>(i); }
+  int find(int element) noexcept;
+  void unite(int a, int b) noexcept;
+  void label_components(const Image<std::uint8_t>& valid) noexcept;
+  void label_phase_groups(const Image<std::uint8_t>& valid) noexcept;
+  void label_faces(const Image<std::uint8_t>& valid) noexcept;
+  void label_holes(const Image<std::uint8_t>& valid) noexcept;
+
+  int rows_;
+  int cols_;
+  int n_lenslets_ = 0;
+  int n_nodes_ = 0;
+  int n_components_ = 0;
+  int n_faces_ = 0;
+  int n_phase_groups_ = 0;
+  AlignedVector<int> component_;     // [corners]
+  AlignedVector<int> face_;          // [corners]
+  AlignedVector<int> face_size_;     // [faces] corners in it
+  AlignedVector<int> hole_of_face_;  // [faces]
+  AlignedVector<int> phase_group_;   // [lenslets]
+  FixedList<LatticeHole> holes_;
+
+  AlignedVector<int> parent_;      // union-find over corners, the two outsides, or faces
+  AlignedVector<int> label_;       // label of each root
+  AlignedVector<int> group_odd_;   // [groups] odd component of a phase group
+  AlignedVector<int> group_next_;  // [groups] next group of the same even component
+};
+
+}  // namespace curlew

@@ -1,0 +1,43 @@
+// Circulation and vortices: what detection makes of a slope field.
+#pragma once
+
+#include <cstdint>
+
+#include "core/fixed_list.h"
+#include "core/image.h"
+
+namespace curlew {
+
+/// Circulation D of each cell, [rows-1, cols-1] for [rows, cols] lenslets, in radians.
+/// Where valid is 0 the other maps hold 0 and mean nothing.
+struct CirculationMap {
+  CirculationMap(int lenslet_rows, int lenslet_cols)
+      : value(lenslet_rows - 1, lenslet_cols - 1),
+        variance(lenslet_rows - 1, lenslet_cols - 1),
+        valid(lenslet_rows - 1, lenslet_cols - 1) {}
+
+  Image<float> value;     ///< rad
+  Image<float> variance;  ///< rad², propagated from the slopes' variances
+  Image<std::uint8_t> valid;
+  int n_valid = 0;
+};
+
+/// Bits of Vortex::flags.
+enum VortexFlag : std::uint32_t {
+  kVortexAtPupilEdge = 1,  ///< a cell of its 3×3 neighbourhood lies outside the pupil
+  kVortexAtHole = 2,       ///< a cell of its 3×3 neighbourhood is lost to a missing lenslet
+};
+
+struct Vortex {
+  float x = 0;  ///< lenslet units: cell (r, c) is centred at (c+½, r+½)
+  float y = 0;
+  std::int32_t charge = 0;  ///< +1 or −1
+  float circulation = 0;    ///< D of its cell, rad
+  float significance = 0;   ///< |D| over its standard deviation
+  std::uint32_t flags = 0;
+  std::int64_t track = -1;  ///< −1: not tracked
+};
+
+using VortexList = FixedList<Vortex>;
+
+}  // namespace curlew
