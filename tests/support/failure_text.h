@@ -1,0 +1,21 @@
+// The sentence of the error that a piece of code throws.
+#pragma once
+
+#include <string>
+
+#include "core/error.h"
+
+namespace curlew {
+
+/// What `act` threw as a Failure; empty where it threw nothing. Other exceptions pass.
+template <typename Act>
+std::string failure_text(Act&& act) {
+  try {
+    act();
+  } catch (const Failure& failure) {
+    return failure.what();
+  }
+  return {};
+}
+
+}  // namespace curlew
