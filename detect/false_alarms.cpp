@@ -1,0 +1,72 @@
+#include "detect/false_alarms.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+namespace curlew {
+namespace {
+
+constexpr int kMaxSteps = 50;  // Newton below needs fewer than 10
+
+double gaussian_density(double z) {
+  return std::exp(-0.5 * z * z) / std::sqrt(2.0 * std::numbers::pi);
+}
+
+/// Probability that no neighbour exceeds x, given that the cell itself is x. Given x, a diagonal
+/// neighbour has mean −x/4 and variance 15/16.
+double no_neighbour_above(double x, CellNeighbours neighbours) {
+  const double orthogonal = std::log1p(-gaussian_tail(x));
+  const double diagonal = std::log1p(-gaussian_tail(1.25 * x / std::sqrt(15.0 / 16.0)));
+  return std::exp(neighbours.orthogonal * orthogonal + neighbours.diagonal * diagonal);
+}
+
+}  // namespace
+
+double gaussian_tail(double z) { return 0.5 * std::erfc(z / std::numbers::sqrt2); }
+
+double gaussian_tail_inverse(double p) {
+  if (p > 0.5) return -gaussian_tail_inverse(1.0 - p);
+  // Q(z) ≤ ½·exp(−z²/2), so this start is at or above the root, and as ln Q is concave Newton
+  // comes down to it without overshooting.
+  double z = std::sqrt(-2.0 * std::log(2.0 * p));
+  for (int step = 0; step < kMaxSteps; ++step) {
+    const double q = gaussian_tail(z);
+    const double change = std::log(q / p) * q / gaussian_density(z);
+    z += change;
+    if (std::abs(change) < 1e-14 * (1.0 + z)) break;
+  }
+  return z;
+}
+
+double peak_probability(double z, CellNeighbours neighbours) {
+  // Simpson's rule up to where the density has fallen by e^−36. 200 intervals give 2e-6 of the
+  // value over z in [0, 8].
+  constexpr int kIntervals = 200;
+  const double h = (std::sqrt(z * z + 72.0) - z) / kIntervals;
+  double sum = 0.0;
+  for (int i = 0; i <= kIntervals; ++i) {
+    const double x = z + h * i;
+    const double weight = i == 0 || i == kIntervals ? 1.0 : (i % 2 == 1 ? 4.0 : 2.0);
+    sum += weight * gaussian_density(x) * no_neighbour_above(x, neighbours);
+  }
+  return sum * h / 3.0;
+}
+
+double threshold_sigmas(double rate, double n_cells, CellNeighbours neighbours) {
+  if (n_cells <= 0.0) return std::numeric_limits<double>::infinity();
+  const double wanted = std::max(0.5 * rate / n_cells, 1e-300);  // what erfc can still express
+  if (wanted >= peak_probability(0.0, neighbours)) return 0.0;
+  double z = gaussian_tail_inverse(wanted);  // a little too high: suppression was left out
+  for (int step = 0; step < kMaxSteps; ++step) {
+    const double p = peak_probability(z, neighbours);
+    const double slope = gaussian_density(z) * no_neighbour_above(z, neighbours);
+    const double change = std::log(p / wanted) * p / slope;
+    z += change;
+    if (std::abs(change) < 1e-9) break;
+  }
+  return z;
+}
+
+}  // namespace curlew
