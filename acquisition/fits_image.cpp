@@ -214,6 +214,9 @@ void FitsFile::create_image(ElementType element, const std::vector<std::int64_t>
   handle_->check(status, "add an image");
   if (!name.empty()) write_key("EXTNAME", name);
   if (!unit.empty()) write_key("BUNIT", unit);
+  // Without this cfitsio takes the image for a table once another HDU, or itself, is selected.
+  fits_set_hdustruc(file, &status);
+  handle_->check(status, "add an image");
 }
 
 template <typename T>

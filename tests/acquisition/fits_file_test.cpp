@@ -373,5 +373,27 @@ TEST(FitsFileDeathTest, DiskFullIsOneSentenceAndLeavesNothing) {
   EXPECT_EXIT(write_against_limit(scratch, 0, 1), testing::ExitedWithCode(0), "");
 }
 
+TEST(FitsFile, ImagesMayBeSelectedBeforeTheirFirstPixelIsWritten) {
+  // cfitsio said "column number < 1 or > tfields" here.
+  const ScratchDirectory scratch;
+  FitsFile out = FitsFile::create(scratch / "two.fits");
+  out.create_image(ElementType::kU8, {});
+  out.create_image(ElementType::kF32, {2, 3}, "A");
+  out.create_image(ElementType::kF32, {2, 3}, "B");
+  const std::vector<float> row{1, 2, 3};
+  for (const int hdu : {1, 2, 1, 2}) {
+    out.select(hdu);
+    out.write_pixels<float>(3, row);
+  }
+  out.commit();
+  FitsFile in = FitsFile::open(scratch / "two.fits");
+  for (const char* name : {"A", "B"}) {
+    in.select(name);
+    std::vector<float> all(6);
+    in.read_pixels<float>(0, all);
+    EXPECT_EQ(all, (std::vector<float>{0, 0, 0, 1, 2, 3}));
+  }
+}
+
 }  // namespace
 }  // namespace curlew
