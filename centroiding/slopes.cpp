@@ -1,0 +1,106 @@
+#include "centroiding/slopes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "core/error.h"
+
+namespace curlew {
+namespace {
+
+void require_length(double value, const std::string& name) {
+  if (!(value > 0.0) || !std::isfinite(value)) {
+    throw Failure("the sensor's " + name +
+                  " is not known, so spots cannot be turned into radians; "
+                  "calibrate again with it");
+  }
+}
+
+/// See SlopePlan::gain_error_x; [rows, cols], 0 where not valid.
+Image<float> gain_error(const Image<float>& gain, const Image<std::uint8_t>& valid) {
+  std::vector<float> sorted;
+  for (std::size_t k = 0; k < gain.size(); ++k) {
+    if (valid[k] != 0) sorted.push_back(gain[k]);
+  }
+  Image<float> error(gain.rows(), gain.cols());
+  if (sorted.empty()) return error;
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  for (std::size_t k = 0; k < gain.size(); ++k) {
+    if (valid[k] != 0) error[k] = 0.5F * std::max(0.0F, 1.0F - gain[k] / *middle);
+  }
+  return error;
+}
+
+}  // namespace
+
+SlopePlan::SlopePlan(const Sensor& sensor)
+    : ref_x_px(sensor.valid.rows(), sensor.valid.cols()),
+      ref_y_px(sensor.valid.rows(), sensor.valid.cols()),
+      inverse_gain_x(sensor.valid.rows(), sensor.valid.cols()),
+      inverse_gain_y(sensor.valid.rows(), sensor.valid.cols()) {
+  require_length(sensor.optics.pitch_m, "lenslet pitch");
+  require_length(sensor.optics.focal_m, "focal length");
+  require_length(sensor.optics.pixel_m, "pixel size");
+  require_length(sensor.optics.wavelength_m, "wavelength");
+  require_length(sensor.optics.magnification, "magnification");
+  const double determinant = sensor.grid.determinant();
+  if (!std::isfinite(determinant) || determinant == 0.0) {
+    throw Failure("the sensor's lenslet grid has no area; calibrate again");
+  }
+  const double scale = sensor.optics.slope_rad_per_px() * sensor.grid.pitch_px() / determinant;
+  m11 = static_cast<float>(scale * sensor.grid.p22);
+  m12 = static_cast<float>(-scale * sensor.grid.p12);
+  m21 = static_cast<float>(-scale * sensor.grid.p21);
+  m22 = static_cast<float>(scale * sensor.grid.p11);
+
+  for (std::size_t k = 0; k < sensor.valid.size(); ++k) {
+    if (sensor.valid[k] == 0) continue;
+    const bool usable = std::isfinite(sensor.ref_x_px[k]) && std::isfinite(sensor.ref_y_px[k]) &&
+                        sensor.gain_x[k] > 0.0F && sensor.gain_y[k] > 0.0F &&
+                        std::isfinite(sensor.gain_x[k]) && std::isfinite(sensor.gain_y[k]);
+    if (!usable) {
+      const auto cols = static_cast<std::size_t>(sensor.valid.cols());
+      throw Failure("lenslet (" + std::to_string(k / cols) + ", " + std::to_string(k % cols) +
+                    ") is marked valid but has no reference or gain; calibrate again");
+    }
+    ref_x_px[k] = sensor.ref_x_px[k];
+    ref_y_px[k] = sensor.ref_y_px[k];
+    inverse_gain_x[k] = 1.0F / sensor.gain_x[k];
+    inverse_gain_y[k] = 1.0F / sensor.gain_y[k];
+  }
+  gain_error_x = gain_error(sensor.gain_x, sensor.valid);
+  gain_error_y = gain_error(sensor.gain_y, sensor.valid);
+}
+
+void measure_slopes(const SlopePlan& plan, const Centroids& centroids,
+                    SlopeField& slopes) noexcept {
+  // Locals, because a store through a float pointer might otherwise change the plan's floats.
+  const float m11 = plan.m11, m12 = plan.m12, m21 = plan.m21, m22 = plan.m22;
+  int n_valid = 0;
+  for (std::size_t k = 0; k < plan.ref_x_px.size(); ++k) {
+    const bool valid = centroids.state[k] == LensletState::kValid;
+    const float gx = valid ? plan.inverse_gain_x[k] : 0.0F;
+    const float gy = valid ? plan.inverse_gain_y[k] : 0.0F;
+    const float dx = (centroids.x_px[k] - plan.ref_x_px[k]) * gx;
+    const float dy = (centroids.y_px[k] - plan.ref_y_px[k]) * gy;
+    const float ex = plan.gain_error_x[k] * dx;
+    const float ey = plan.gain_error_y[k] * dy;
+    const float vx = centroids.variance_x_px2[k] * gx * gx + ex * ex;
+    const float vy = centroids.variance_y_px2[k] * gy * gy + ey * ey;
+    const float c = centroids.covariance_xy_px2[k] * gx * gy;
+    slopes.x[k] = m11 * dx + m12 * dy;
+    slopes.y[k] = m21 * dx + m22 * dy;
+    slopes.variance_x[k] = m11 * m11 * vx + 2.0F * m11 * m12 * c + m12 * m12 * vy;
+    slopes.variance_y[k] = m21 * m21 * vx + 2.0F * m21 * m22 * c + m22 * m22 * vy;
+    slopes.covariance_xy[k] = m11 * m21 * vx + (m11 * m22 + m12 * m21) * c + m12 * m22 * vy;
+    slopes.valid[k] = valid ? 1 : 0;
+    n_valid += valid ? 1 : 0;
+  }
+  slopes.n_valid = n_valid;
+}
+
+}  // namespace curlew

@@ -1,0 +1,41 @@
+// Centroids to slopes: displacements from the reference, along the lenslet axes, in radians.
+#pragma once
+
+#include "centroiding/sensor.h"
+#include "core/centroids.h"
+#include "core/image.h"
+#include "core/slope_field.h"
+
+namespace curlew {
+
+/// What turns a displacement into a slope, lenslet by lenslet.
+struct SlopePlan {
+  /// Throws Failure when optics or grid cannot give a slope: a length that is unknown or not
+  /// positive, a grid without area, a lenslet without reference or gain.
+  explicit SlopePlan(const Sensor& sensor);
+
+  Image<float> ref_x_px;  ///< [rows, cols] of lenslets; 0 where not valid
+  Image<float> ref_y_px;
+  Image<float> inverse_gain_x;
+  Image<float> inverse_gain_y;
+  /// Relative error of the gain, half of what it lies below the median lenslet's: a window whose
+  /// light reaches its edge is linear only for small displacements. A displacement d adds
+  /// (error·d)² to the variance.
+  Image<float> gain_error_x;
+  Image<float> gain_error_y;
+
+  // slope = M·(dx/gain_x, dy/gain_y), rad per pitch per px: pitch_px·P⁻¹ turns pixels into pixels
+  // along the lenslet axes, 2π·w·p/(λ·f·m) those into radians (DESIGN.md, Conventions).
+  float m11 = 0;
+  float m12 = 0;
+  float m21 = 0;
+  float m22 = 0;
+};
+
+/// Slopes s = w·G (rad per pitch, along column and row axis) and their noise from the centroids;
+/// [rows, cols] of all three must agree. Variances and covariance pass through the same linear map.
+/// A lenslet whose centroid is not valid is missing: valid 0 and zeros. A spot exactly on its
+/// reference has a slope of exactly 0.
+void measure_slopes(const SlopePlan& plan, const Centroids& centroids, SlopeField& slopes) noexcept;
+
+}  // namespace curlew

@@ -1,0 +1,80 @@
+// The centroid stage written plainly, in double, one pixel at a time: what the kernel must equal.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "centroiding/centroid.h"
+#include "core/frame.h"
+
+namespace curlew::test {
+
+struct ReferenceSpot {
+  double x_px = 0, y_px = 0, flux_adu = 0;
+  double xx_px2 = 0, yy_px2 = 0, xy_px2 = 0;
+  double variance_x_px2 = 0, variance_y_px2 = 0, covariance_xy_px2 = 0;
+};
+
+inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& format,
+                                    const CentroidOptions& options, FrameView frame,
+                                    const Window& window) {
+  const double e_per_count = sensor.detector.e_per_adu * format.scale_adu;
+  const double read_noise = sensor.detector.read_noise_e / e_per_count;
+  struct Pixel {
+    double x, y, gain, light;  // light: calibrated counts above the background
+  };
+  std::vector<Pixel> pixels;
+  double peak = 0;
+  for (int y = window.y0; y < window.y0 + window.h; ++y) {
+    for (int x = window.x0; x < window.x0 + window.w; ++x) {
+      if (!sensor.bad_pixel.empty() && sensor.bad_pixel(y, x) != 0) continue;
+      const int i = y * frame.cols + x;
+      const double count = frame.pixel_type == PixelType::kU16
+                               ? static_cast<double>(frame.data<std::uint16_t>()[i])
+                               : static_cast<double>(frame.data<std::uint8_t>()[i]);
+      const double dark_adu = sensor.dark_adu.empty() ? sensor.background_adu
+                                                      : static_cast<double>(sensor.dark_adu(y, x));
+      const double dark = (dark_adu - format.zero_adu) / format.scale_adu;
+      const double gain = sensor.flat.empty() ? 1.0 : 1.0 / static_cast<double>(sensor.flat(y, x));
+      pixels.push_back(
+          {static_cast<double>(x), static_cast<double>(y), gain, (count - dark) * gain});
+      peak = std::max(peak, pixels.back().light);
+    }
+  }
+  const double threshold =
+      std::max({options.threshold_adu / format.scale_adu, options.threshold_noise * read_noise,
+                options.threshold_relative * peak});
+  const double c = threshold / e_per_count + read_noise * read_noise + 1.0 / 12.0;
+  const double width = 0.85 * std::sqrt(c) + 1.0 / e_per_count;
+
+  double flux = 0, x = 0, y = 0;
+  for (const Pixel& p : pixels) {
+    const double v = std::max(p.light - threshold, 0.0);
+    flux += v;
+    x += v * p.x;
+    y += v * p.y;
+  }
+  ReferenceSpot spot;
+  spot.flux_adu = flux * format.scale_adu;
+  if (flux <= 0) return spot;
+  x /= flux;
+  y /= flux;
+  spot.x_px = x;
+  spot.y_px = y;
+  for (const Pixel& p : pixels) {
+    const double v = std::max(p.light - threshold, 0.0);
+    const double q = (v / e_per_count + c) * std::min(v / width, 1.0) * p.gain / (flux * flux) *
+                     (1.0 + 4.0 / (flux * e_per_count));
+    spot.xx_px2 += v * (p.x - x) * (p.x - x) / flux;
+    spot.yy_px2 += v * (p.y - y) * (p.y - y) / flux;
+    spot.xy_px2 += v * (p.x - x) * (p.y - y) / flux;
+    spot.variance_x_px2 += q * (p.x - x) * (p.x - x);
+    spot.variance_y_px2 += q * (p.y - y) * (p.y - y);
+    spot.covariance_xy_px2 += q * (p.x - x) * (p.y - y);
+  }
+  return spot;
+}
+
+}  // namespace curlew::test

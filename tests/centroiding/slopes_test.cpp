@@ -1,0 +1,133 @@
+// Slopes against the formula of DESIGN.md, on straight, rotated and mirrored grids.
+#include "centroiding/slopes.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "core/error.h"
+#include "service/bench_frames.h"
+
+namespace curlew {
+namespace {
+
+struct OneLenslet {
+  explicit OneLenslet(const Sensor& sensor) : plan(sensor), centroids(1, 1), slopes(1, 1) {
+    centroids.state[0] = LensletState::kValid;
+  }
+  void displace(double dx, double dy) {
+    centroids.x_px[0] = plan.ref_x_px[0] + static_cast<float>(dx);
+    centroids.y_px[0] = plan.ref_y_px[0] + static_cast<float>(dy);
+    measure_slopes(plan, centroids, slopes);
+  }
+  SlopePlan plan;
+  Centroids centroids;
+  SlopeField slopes;
+};
+
+// References near 8 px are float: a displacement carries 5e-7 px of rounding.
+constexpr double kRounding = 2e-6;
+
+TEST(Slopes, AStraightGridGivesTheFormula) {
+  Sensor sensor = tiled_sensor({1, 1, 16});
+  sensor.optics = {.pitch_m = 300e-6,
+                   .focal_m = 0.01,
+                   .pixel_m = 5e-6,
+                   .wavelength_m = 600e-9,
+                   .magnification = 0.5,
+                   .mirrored = false};
+  const double rad_per_px = 2 * std::numbers::pi * 300e-6 * 5e-6 / (600e-9 * 0.01 * 0.5);  // π rad
+  OneLenslet one(sensor);
+  one.displace(0.25, -0.5);
+  EXPECT_NEAR(one.slopes.x[0], 0.25 * rad_per_px, kRounding * rad_per_px);
+  EXPECT_NEAR(one.slopes.y[0], -0.5 * rad_per_px, kRounding * rad_per_px);
+  one.displace(0.0, 0.0);
+  EXPECT_EQ(one.slopes.x[0], 0.0F);
+  EXPECT_EQ(one.slopes.y[0], 0.0F);
+}
+
+TEST(Slopes, GainDividesDisplacementAndNoise) {
+  Sensor sensor = tiled_sensor({1, 1, 16});
+  sensor.gain_x[0] = 0.5F;
+  OneLenslet one(sensor);
+  one.centroids.variance_x_px2[0] = 0.01F;
+  one.displace(0.25, 0.25);
+  const double s = sensor.optics.slope_rad_per_px();
+  EXPECT_NEAR(one.slopes.x[0], 0.5 * s, kRounding * s);
+  EXPECT_NEAR(one.slopes.y[0], 0.25 * s, kRounding * s);
+  EXPECT_NEAR(one.slopes.variance_x[0], 0.04 * s * s, 1e-6 * s * s);
+}
+
+TEST(Slopes, RotationAndMirrorResolveAlongTheLensletAxes) {
+  for (const double sign : {1.0, -1.0}) {  // −1: rows run up the detector
+    const double angle = 0.3;
+    Sensor sensor = tiled_sensor({1, 1, 16});
+    sensor.grid.p11 = 16 * std::cos(angle);
+    sensor.grid.p21 = 16 * std::sin(angle);
+    sensor.grid.p12 = -sign * 16 * std::sin(angle);
+    sensor.grid.p22 = sign * 16 * std::cos(angle);
+    OneLenslet one(sensor);
+    const double s = sensor.optics.slope_rad_per_px();
+    // Along the column axis by 1 px, then along the row axis by 1 px.
+    one.displace(std::cos(angle), std::sin(angle));
+    EXPECT_NEAR(one.slopes.x[0], s, kRounding * s);
+    EXPECT_NEAR(one.slopes.y[0], 0.0, kRounding * s);
+    one.centroids.variance_x_px2[0] = 0.01F;
+    one.centroids.variance_y_px2[0] = 0.03F;
+    one.centroids.covariance_xy_px2[0] = 0.004F;
+    one.displace(-sign * std::sin(angle), sign * std::cos(angle));
+    EXPECT_NEAR(one.slopes.x[0], 0.0, kRounding * s);
+    EXPECT_NEAR(one.slopes.y[0], s, kRounding * s);
+    // R·C·Rᵀ with R the inverse rotation, and the mirror's sign on the covariance.
+    const double c = std::cos(angle), n = std::sin(angle);
+    const double s2 = s * s;
+    EXPECT_NEAR(one.slopes.variance_x[0], (c * c * 0.01 + 2 * c * n * 0.004 + n * n * 0.03) * s2,
+                1e-6 * s2);
+    EXPECT_NEAR(one.slopes.variance_y[0], (n * n * 0.01 - 2 * c * n * 0.004 + c * c * 0.03) * s2,
+                1e-6 * s2);
+    EXPECT_NEAR(one.slopes.covariance_xy[0],
+                sign * (c * n * (0.03 - 0.01) + (c * c - n * n) * 0.004) * s2, 1e-6 * s2);
+  }
+}
+
+TEST(Slopes, AMissingLensletIsMissingAndNotZeroSlope) {
+  OneLenslet one(tiled_sensor({1, 1, 16}));
+  one.centroids.state[0] = LensletState::kFaint;
+  one.displace(0.5, 0.5);
+  EXPECT_EQ(one.slopes.valid[0], 0);
+  EXPECT_EQ(one.slopes.n_valid, 0);
+  EXPECT_EQ(one.slopes.x[0], 0.0F);
+  EXPECT_EQ(one.slopes.variance_x[0], 0.0F);
+}
+
+TEST(Slopes, AClippedWindowIsLessSureTheFurtherItsSpotMoves) {
+  // Half of the 20 % that its gain lies below the others', of the 2 px that its spot moves.
+  Sensor sensor = tiled_sensor({1, 3, 16});
+  sensor.gain_x[2] = 0.8F;
+  const SlopePlan plan(sensor);
+  Centroids centroids(1, 3);
+  SlopeField slopes(1, 3);
+  for (std::size_t k = 0; k < 3; ++k) {
+    centroids.state[k] = LensletState::kValid;
+    centroids.x_px[k] = sensor.ref_x_px[k] + 2.0F * sensor.gain_x[k];
+    centroids.y_px[k] = sensor.ref_y_px[k] + 2.0F;
+  }
+  measure_slopes(plan, centroids, slopes);
+  EXPECT_EQ(slopes.variance_x[1], 0.0F);
+  EXPECT_EQ(slopes.variance_y[2], 0.0F);
+  EXPECT_NEAR(std::sqrt(slopes.variance_x[2]) / slopes.x[2], 0.1F, 1e-5F);
+}
+
+TEST(Slopes, UnknownOpticsAreRefused) {
+  Sensor sensor = tiled_sensor({1, 1, 16});
+  sensor.optics.focal_m = kUnknown;
+  EXPECT_THROW(SlopePlan{sensor}, Failure);
+  sensor = tiled_sensor({1, 1, 16});
+  sensor.ref_x_px[0] = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_THROW(SlopePlan{sensor}, Failure);
+}
+
+}  // namespace
+}  // namespace curlew
