@@ -1,0 +1,136 @@
+#include <spdlog/fmt/fmt.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/error.h"
+#include "service/bench_frames.h"
+#include "service/commands.h"
+#include "service/latency_report.h"
+#include "service/pipeline.h"
+#include "service/progress.h"
+#include "service/version.h"
+
+namespace curlew {
+namespace {
+
+struct BenchOptions {
+  int rows = 0;  // 0: the three standard cases
+  int cols = 0;
+  int window_px = 0;
+  std::int64_t frames = 2000;
+  std::string threads = "inline";
+  std::vector<int> cpus;
+  bool json = false;
+};
+
+std::vector<BenchCase> cases(const BenchOptions& options) {
+  if (options.rows == 0 && options.cols == 0 && options.window_px == 0)
+    return {kBenchCases.begin(), kBenchCases.end()};
+  if (options.rows < 2 || options.cols < 2 || options.window_px < 2 || options.rows > 1000 ||
+      options.cols > 1000 || options.window_px > 1000)
+    throw UsageError("give --rows, --cols and --window together, each from 2 to 1000");
+  return {BenchCase{options.rows, options.cols, options.window_px}};
+}
+
+/// A few frames over and over, from memory.
+class LoopSource final : public FrameSource {
+ public:
+  LoopSource(const std::vector<BenchFrame>& frames, std::int64_t count)
+      : frames_(frames), count_(count) {}
+
+  const FrameFormat& format() const override { return frames_.front().format; }
+  std::int64_t frame_count() const override { return count_; }
+  Delivery next(FrameBuffer& into) override {
+    if (delivered_ == count_) return Delivery::kEnd;
+    const BenchFrame& frame = frames_[static_cast<std::size_t>(delivered_) % frames_.size()];
+    std::copy_n(frame.view().pixels, frame.format.bytes(), into.data());
+    into.header = {.sequence = delivered_++, .received = std::chrono::steady_clock::now()};
+    into.rows_ready = frame.format.rows;
+    return Delivery::kFrame;
+  }
+
+ private:
+  const std::vector<BenchFrame>& frames_;
+  std::int64_t count_;
+  std::int64_t delivered_ = 0;
+};
+
+RunReport measure(const BenchCase& which, const BenchOptions& options) {
+  constexpr int kDistinctFrames = 4;
+  constexpr std::int64_t kWarmUp = 100;
+  std::vector<BenchFrame> frames;
+  for (int i = 0; i < kDistinctFrames; ++i)
+    frames.push_back(
+        make_bench_frame(which, BenchSlopes::kSmooth, static_cast<std::uint64_t>(i) + 1));
+  Sensor sensor = tiled_sensor(which);
+  add_maps(sensor, 1);
+  Config config;
+  config.centroid.threshold_adu = kBenchThresholdAdu;
+  config.pipeline.threads = threading_from(options.threads, "--threads");
+  config.pipeline.cpus = options.cpus;
+  const Plan plan(sensor, frames.front().format, config);
+  Pipeline pipeline(plan, frames.front().format, config.pipeline);
+  LoopSource warm_up(frames, kWarmUp);
+  pipeline.run(warm_up, {}, {});
+  LoopSource source(frames, options.frames);
+  Progress progress("bench", options.frames);
+  Publisher publisher;
+  publisher.finish = [&](const FrameSlot&, std::int64_t) { progress.step(); };
+  return pipeline.run(source, publisher, {});
+}
+
+void bench_latency(const BenchOptions& options) {
+#ifndef NDEBUG
+  throw Failure("a debug build's times mean nothing, build with './dev build'");
+#endif
+  if (options.frames < 1) throw UsageError("--frames must be at least 1");
+  nlohmann::ordered_json json = machine_json();
+  json["threads"] = options.threads;
+  json["frames"] = options.frames;
+  std::string text;
+  for (const BenchCase& which : cases(options)) {
+    const RunReport report = measure(which, options);
+    json["pinning"] = report.pinning;
+    nlohmann::ordered_json entry;
+    entry["rows"] = which.rows;
+    entry["cols"] = which.cols;
+    entry["window_px"] = which.window_px;
+    entry["latency_us"] = latency_json(report);
+    json["cases"].push_back(entry);
+    text +=
+        fmt::format("\n{} x {} lenslets of {} x {} px, u16, dark, flat and bad pixels, {} frames\n",
+                    which.cols, which.rows, which.window_px, which.window_px, report.frames);
+    text += latency_table(report);
+  }
+  if (options.json) {
+    fmt::print("{}\n", json.dump(2));
+    return;
+  }
+  fmt::print("{}, {} build, {}\n{}, {} CPUs, threads {}, pinned: {}\n{}",
+             json["program"].get<std::string>(), kBuildType, kCompiler,
+             json["cpu"].get<std::string>(), json["cpus"].get<unsigned>(), options.threads,
+             json["pinning"].get<std::string>(), text);
+}
+
+}  // namespace
+
+void add_bench(CLI::App& app) {
+  auto options = std::make_shared<BenchOptions>();
+  CLI::App* bench = app.add_subcommand("bench", "Benchmarks; never from a debug build");
+  bench->require_subcommand(1);
+  CLI::App* latency = bench->add_subcommand(
+      "latency", "Latency of every stage; without sizes: 40x40 of 6 px, 80x80 of 10, 30x30 of 32");
+  latency->add_option("--rows", options->rows, "lenslet rows");
+  latency->add_option("--cols", options->cols, "lenslet columns");
+  latency->add_option("--window", options->window_px, "pixels per lenslet side");
+  latency->add_option("--frames", options->frames, "frames a case")->capture_default_str();
+  latency->add_option("--threads", options->threads, "inline or per_stage")->capture_default_str();
+  latency->add_option("--cpus", options->cpus, "pin threads to these CPUs, in turn")
+      ->delimiter(',');
+  latency->add_flag("--json", options->json, "print JSON");
+  latency->callback([options] { bench_latency(*options); });
+}
+
+}  // namespace curlew

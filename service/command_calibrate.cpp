@@ -1,0 +1,185 @@
+#include <spdlog/fmt/fmt.h>
+
+#include <CLI/CLI.hpp>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <optional>
+
+#include "acquisition/fits_source.h"
+#include "acquisition/mean_image.h"
+#include "centroiding/calibrate.h"
+#include "core/error.h"
+#include "service/commands.h"
+#include "service/config.h"
+#include "service/progress.h"
+#include "service/reference_spots.h"
+#include "service/sensor_file.h"
+
+namespace curlew {
+namespace {
+
+struct CalibrateOptions {
+  std::string reference;
+  std::string dark;
+  std::string flat;
+  std::string bad_pixels;
+  std::string config;
+  std::string out;
+  std::optional<double> pitch_um, focal_mm, pixel_um, wavelength_nm, magnification;
+  std::optional<double> e_per_adu, read_noise_e, saturation_adu;
+  bool mirror = false;
+};
+
+template <typename To, typename From>
+Image<To> converted(const Image<From>& from) {
+  Image<To> to(from.rows(), from.cols());
+  std::transform(from.begin(), from.end(), to.begin(), [](From v) { return static_cast<To>(v); });
+  return to;
+}
+
+/// What the user said, in SI units, goes before what the recording says.
+void override(double& value, const std::optional<double>& given, double unit,
+              const std::string& option, bool zero_allowed = false) {
+  if (!given) return;
+  if (!std::isfinite(*given) || *given < 0.0 || (*given == 0.0 && !zero_allowed))
+    throw UsageError(option + " must be a positive number");
+  value = *given * unit;
+}
+
+Optics optics_of(const CalibrateOptions& options, Optics optics) {
+  override(optics.pitch_m, options.pitch_um, 1e-6, "--pitch-um");
+  override(optics.focal_m, options.focal_mm, 1e-3, "--focal-mm");
+  override(optics.pixel_m, options.pixel_um, 1e-6, "--pixel-um");
+  override(optics.wavelength_m, options.wavelength_nm, 1e-9, "--wavelength-nm");
+  override(optics.magnification, options.magnification, 1.0, "--magnification");
+  optics.mirrored = optics.mirrored || options.mirror;
+  std::string missing;
+  for (const auto& [value, option] :
+       {std::pair{optics.pitch_m, "--pitch-um"}, std::pair{optics.focal_m, "--focal-mm"},
+        std::pair{optics.pixel_m, "--pixel-um"}, std::pair{optics.wavelength_m, "--wavelength-nm"}})
+    if (!(value > 0.0)) missing.append(missing.empty() ? "" : ", ").append(option);
+  if (!missing.empty())
+    throw UsageError(options.reference + " does not tell the optics, give " + missing);
+  return optics;
+}
+
+Detector detector_of(const CalibrateOptions& options, Detector detector) {
+  override(detector.e_per_adu, options.e_per_adu, 1.0, "--e-per-adu");
+  override(detector.read_noise_e, options.read_noise_e, 1.0, "--read-noise-e", true);
+  override(detector.saturation_adu, options.saturation_adu, 1.0, "--saturation-adu");
+  return detector;
+}
+
+/// Mean of a dark, flat or bad-pixel file, which must be of the reference's size.
+MeanImage read_map(const std::string& path, const MeanImage& reference) {
+  MeanImage map = read_mean_image(path);
+  const FrameFormat& a = map.region;
+  const FrameFormat& b = reference.region;
+  if (a.rows != b.rows || a.cols != b.cols)
+    throw Failure(fmt::format("{} is {} x {} px, the reference {} x {}", path, a.cols, a.rows,
+                              b.cols, b.rows));
+  return map;
+}
+
+CalibrationInput read_input(const CalibrateOptions& options, const FitsSource& source) {
+  CalibrationInput input;
+  const MeanImage reference = read_mean_image(options.reference);
+  input.reference_adu = converted<float>(reference.mean);
+  input.reference_frames = static_cast<int>(reference.frames);
+  if (!options.dark.empty()) {
+    const MeanImage dark = read_map(options.dark, reference);
+    input.dark_adu = converted<float>(dark.mean);
+    if (!dark.variance.empty()) input.dark_variance_adu2 = converted<float>(dark.variance);
+  }
+  if (!options.flat.empty()) input.flat = converted<float>(read_map(options.flat, reference).mean);
+  Image<std::uint8_t> bad(reference.region.rows, reference.region.cols);
+  if (!options.bad_pixels.empty()) {
+    const MeanImage map = read_map(options.bad_pixels, reference);
+    for (std::size_t i = 0; i < bad.size(); ++i) bad[i] = map.mean[i] == 0.0 ? 0 : 1;
+  }
+  for (std::size_t i = 0; i < bad.size(); ++i)
+    if (!std::isfinite(reference.mean[i])) bad[i] = 1;
+  if (std::any_of(bad.begin(), bad.end(), [](std::uint8_t b) { return b != 0; }))
+    input.bad_pixel = bad;
+  input.optics = optics_of(options, source.optics());
+  input.detector = detector_of(options, source.detector());
+  input.offset_x_px = source.format().offset_x_px;
+  input.offset_y_px = source.format().offset_y_px;
+  input.binning = source.format().binning;
+  return input;
+}
+
+void refuse_overwriting(const CalibrateOptions& options) {
+  for (const std::string& input :
+       {options.reference, options.dark, options.flat, options.bad_pixels}) {
+    std::error_code none;
+    if (!input.empty() && std::filesystem::equivalent(options.out, input, none))
+      throw UsageError(options.out + " is an input of this calibration, write to another file");
+  }
+}
+
+void print_fit(const CalibrateOptions& options, const Sensor& sensor) {
+  const LensletGrid& grid = sensor.grid;
+  const auto lit = std::count(sensor.valid.begin(), sensor.valid.end(), std::uint8_t{1});
+  fmt::print("{}: {} of {} x {} lenslets lit, square layout\n", options.out, lit, grid.cols,
+             grid.rows);
+  fmt::print("  pitch {:.3f} px, rotation {:+.3f} deg, lenslet (0, 0) at ({:.2f}, {:.2f}) px\n",
+             grid.pitch_px(), grid.rotation_deg(), grid.origin_x_px, grid.origin_y_px);
+  fmt::print("  spots lie {:.3f} px rms from the grid\n", sensor.residual_px);
+  const Optics& optics = sensor.optics;
+  fmt::print("  pitch found is {:.4f} of w m / p (optics and the reference beam's curvature)\n",
+             grid.pitch_px() * optics.pixel_m / (optics.pitch_m * optics.magnification));
+  fmt::print("  one pixel is a slope of {:.4f} rad per pitch\n", optics.slope_rad_per_px());
+}
+
+void calibrate(const CalibrateOptions& options) {
+  refuse_overwriting(options);
+  const Config config = options.config.empty() ? Config{} : read_config(options.config);
+  FitsSource source({options.reference});
+  CalibrationInput input = read_input(options, source);
+  input.centroid = config.centroid;
+  Calibration calibration = [&] {
+    try {
+      return calibrate_sensor(input);
+    } catch (const Failure& failure) {
+      throw Failure(options.reference + ": " + failure.what());
+    }
+  }();
+  Sensor& sensor = calibration.sensor;
+  const ReferenceReport report = measure_reference_spots(source, config.centroid, sensor);
+  write_sensor(options.out, sensor);
+  print_fit(options, sensor);
+  if (!source.map_report().empty()) fmt::print("  {}\n", source.map_report());
+  for (const std::string& note : calibration.notes) fmt::print("  {}\n", note);
+  if (!report.text.empty()) fmt::print("  {}\n", report.text);
+}
+
+}  // namespace
+
+void add_calibrate(CLI::App& app) {
+  auto options = std::make_shared<CalibrateOptions>();
+  CLI::App* command =
+      app.add_subcommand("calibrate", "Find the lenslet grid and write the sensor file");
+  command->add_option("reference", options->reference, "frames of the reference beam (FITS)")
+      ->required();
+  command->add_option("--out", options->out, "the sensor file (FITS)")->required();
+  command->add_option("--dark", options->dark, "dark frame, or a stack: gives the read noise too");
+  command->add_option("--flat", options->flat, "flat field, of any scale");
+  command->add_option("--bad-pixels", options->bad_pixels,
+                      "image that is not 0 where a pixel is bad");
+  command->add_option("--config", options->config, "configuration (TOML): [centroid] is used");
+  command->add_option("--pitch-um", options->pitch_um, "lenslet pitch");
+  command->add_option("--focal-mm", options->focal_mm, "focal length of the lenslets");
+  command->add_option("--pixel-um", options->pixel_um, "pixel size, as binned");
+  command->add_option("--wavelength-nm", options->wavelength_nm, "wavelength");
+  command->add_option("--magnification", options->magnification,
+                      "of a relay between lenslets and detector (default 1)");
+  command->add_flag("--mirror", options->mirror, "the relay mirrors the image; flips charges");
+  command->add_option("--e-per-adu", options->e_per_adu, "detector gain");
+  command->add_option("--read-noise-e", options->read_noise_e, "read noise, electrons rms");
+  command->add_option("--saturation-adu", options->saturation_adu, "saturated at or above");
+  command->callback([options] { calibrate(*options); });
+}
+
+}  // namespace curlew

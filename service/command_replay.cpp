@@ -1,0 +1,167 @@
+#include <spdlog/fmt/fmt.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <optional>
+
+#include "acquisition/fits_source.h"
+#include "centroiding/frame_noise.h"
+#include "core/error.h"
+#include "service/commands.h"
+#include "service/json_lines.h"
+#include "service/latency_report.h"
+#include "service/pipeline.h"
+#include "service/progress.h"
+#include "service/results_file.h"
+#include "service/sensor_file.h"
+#include "service/truth.h"
+#include "service/vortex_printer.h"
+
+namespace curlew {
+namespace {
+
+struct ReplayOptions {
+  std::vector<std::string> recordings;
+  std::string sensor;
+  std::string config;
+  std::string out;
+  std::string jsonl;
+  std::vector<std::string> save;
+  std::optional<double> false_alarms;
+  std::string threads;
+  double pace_hz = 0.0;
+  std::int64_t show = 3;
+};
+
+Config configuration(const ReplayOptions& options) {
+  Config config = options.config.empty() ? Config{} : read_config(options.config);
+  if (options.false_alarms) config.detect.false_alarms_per_frame = *options.false_alarms;
+  if (!options.threads.empty())
+    config.pipeline.threads = threading_from(options.threads, "--threads");
+  return config;
+}
+
+/// Nothing that is read may be written over.
+void refuse_overwriting(const ReplayOptions& options) {
+  std::vector<std::string> inputs = options.recordings;
+  inputs.push_back(options.sensor);
+  for (const std::string& output : {options.out, options.jsonl})
+    for (const std::string& input : inputs) {
+      std::error_code none;
+      if (!output.empty() && std::filesystem::equivalent(output, input, none))
+        throw UsageError(output + " is an input of this replay, write to another file");
+    }
+  if (!options.out.empty() && options.out == options.jsonl)
+    throw UsageError("--out and --jsonl name the same file " + options.out);
+}
+
+/// Sentences on what the frames and the sensor file say differently about the detector: thresholds
+/// and significances follow the sensor file.
+std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& source,
+                                        const std::string& recording) {
+  constexpr double kMuchNoisier = 1.5;
+  std::vector<std::string> notes;
+  const double e_per_adu = source.detector().e_per_adu;
+  if (std::abs(e_per_adu - sensor.detector.e_per_adu) > 0.01 * e_per_adu)
+    notes.push_back(
+        fmt::format("{} has {:.4g} e- per ADU, the sensor file {:.4g}: if the sensor "
+                    "file is wrong, calibrate again with --e-per-adu",
+                    recording, e_per_adu, sensor.detector.e_per_adu));
+  FitsSource first({recording});
+  FrameBuffer frame(first.format());
+  if (first.next(frame) != Delivery::kFrame) return notes;
+  const FrameNoise seen = estimate_frame_noise(sensor, first.format(), frame.view());
+  const double light = std::max(seen.light_adu, 0.0);  // comes with photon noise and with slopes
+  const double read_noise = sensor.detector.read_noise_e / sensor.detector.e_per_adu;
+  const double known =
+      std::sqrt(read_noise * read_noise + light / sensor.detector.e_per_adu + light * light +
+                first.format().scale_adu * first.format().scale_adu / 12.0);
+  if (seen.noise_adu > kMuchNoisier * known)
+    notes.push_back(fmt::format(
+        "{} has {:.4g} ADU of noise between the spots, the sensor file knows of {:.4g}: false "
+        "alarms will be many, calibrate again with --read-noise-e {:.3g}",
+        recording, seen.noise_adu, known, seen.noise_adu * sensor.detector.e_per_adu));
+  return notes;
+}
+
+void replay(const ReplayOptions& options) {
+  refuse_overwriting(options);
+  if (!(options.pace_hz >= 0.0)) throw UsageError("--pace must not be negative");
+  const Config config = configuration(options);
+  Sensor sensor = read_sensor(options.sensor);
+  FitsSource source(options.recordings);
+  const FrameFormat& format = source.format();
+  add_bad_pixels(sensor, source.nan_pixels());
+  const Plan plan(sensor, format, config);
+  const Truth truth(options.recordings);
+
+  fmt::print("{} frames of {} x {} px, {} of {} x {} lenslets lit\n", source.frame_count(),
+             format.cols, format.rows,
+             std::count(sensor.valid.begin(), sensor.valid.end(), std::uint8_t{1}),
+             sensor.grid.cols, sensor.grid.rows);
+  if (!source.map_report().empty()) fmt::print("{}\n", source.map_report());
+
+  for (const std::string& note : contradictions(sensor, source, options.recordings.front()))
+    fmt::print("{}\n", note);
+
+  std::unique_ptr<ResultsFile> results;
+  if (!options.out.empty())
+    results = std::make_unique<ResultsFile>(options.out, plan, save_options_from(options.save),
+                                            source.frame_count(), config_hash(config));
+  std::unique_ptr<JsonLines> lines;
+  if (!options.jsonl.empty()) lines = std::make_unique<JsonLines>(options.jsonl);
+  VortexPrinter printer(truth, options.show);
+  RunReport report;
+  {
+    Progress progress("replay", source.frame_count());
+    Pipeline pipeline(plan, format, config.pipeline);
+    Publisher publisher;
+    publisher.publish = [&](const FrameSlot& slot) {
+      if (results) results->add(slot);
+    };
+    publisher.finish = [&](const FrameSlot& slot, std::int64_t dropped) {
+      if (results) results->add_latency(slot);
+      if (lines) lines->add(slot, dropped);
+      printer.add(slot);
+      progress.step();
+    };
+    report = pipeline.run(source, publisher, {options.pace_hz, -1});
+  }
+  if (results) results->commit();
+  if (lines) lines->commit();
+
+  printer.summarize();
+  fmt::print("{} frames, {} vortices ({} beyond the list), {} frames dropped, {:.1f} frames/s\n",
+             report.frames, report.vortices, report.overflow, report.dropped,
+             static_cast<double>(report.frames) / report.seconds);
+  fmt::print("\n{}", latency_table(report));
+}
+
+}  // namespace
+
+void add_replay(CLI::App& app) {
+  auto options = std::make_shared<ReplayOptions>();
+  CLI::App* command = app.add_subcommand("replay", "Run the pipeline over recordings");
+  command->add_option("recordings", options->recordings, "FITS files, in order")->required();
+  command->add_option("--sensor", options->sensor, "sensor file made by 'curlew calibrate'")
+      ->required();
+  command->add_option("--config", options->config, "configuration (TOML)");
+  command->add_option("--out", options->out, "results (FITS)");
+  command
+      ->add_option("--save", options->save,
+                   "images to put into --out: slopes,flux,phase,solenoidal,circulation")
+      ->delimiter(',');
+  command->add_option("--jsonl", options->jsonl, "one JSON object a frame");
+  command->add_option("--false-alarms", options->false_alarms,
+                      "vortices reported a frame where there is only noise (default 0.01)");
+  command->add_option("--threads", options->threads, "inline (default) or per_stage");
+  command->add_option("--pace", options->pace_hz, "deliver frames no faster than this, in Hz");
+  command->add_option("--show", options->show, "print the vortices of so many frames (default 3)");
+  command->callback([options] { replay(*options); });
+}
+
+}  // namespace curlew

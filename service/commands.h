@@ -1,0 +1,15 @@
+// The commands of the program. Each adds itself, with its options, to the command line.
+#pragma once
+
+namespace CLI {
+class App;
+}
+
+namespace curlew {
+
+void add_simulate(CLI::App& app);
+void add_calibrate(CLI::App& app);
+void add_replay(CLI::App& app);
+void add_bench(CLI::App& app);
+
+}  // namespace curlew

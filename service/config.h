@@ -1,0 +1,49 @@
+// Config: everything a user can set, with its default.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "centroiding/centroid.h"
+#include "detect/vortex_finder.h"
+#include "reconstruct/split.h"
+
+namespace curlew {
+
+enum class Threading {
+  kInline,    ///< all stages on one thread: lowest latency on few cores
+  kPerStage,  ///< one thread a stage, a queue between
+};
+
+struct PipelineOptions {
+  Threading threads = Threading::kInline;
+  /// Frames that can be under way at once.
+  std::size_t slots = 8;
+  /// The most vortices reported a frame; more are counted as overflow.
+  std::size_t max_vortices = 256;
+  /// Pin the threads to these CPUs, in turn; empty: not pinned.
+  std::vector<int> cpus;
+};
+
+struct Config {
+  CentroidOptions centroid;
+  SplitOptions split;
+  DetectOptions detect;
+  PipelineOptions pipeline;
+};
+
+/// Reads a TOML file over the defaults. UsageError: missing file, bad syntax, an unknown key (with
+/// its line), a value of the wrong type or out of range.
+Config read_config(const std::string& path);
+
+/// All values in TOML, as read_config takes them: what a run really used.
+std::string config_text(const Config& config);
+
+/// 64-bit FNV-1a of config_text, in hexadecimal.
+std::string config_hash(const Config& config);
+
+/// "inline" or "per_stage"; UsageError names `where` otherwise.
+Threading threading_from(const std::string& word, const std::string& where);
+
+}  // namespace curlew

@@ -1,0 +1,81 @@
+#include "service/json_lines.h"
+
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "core/error.h"
+
+namespace curlew {
+namespace {
+
+/// Numbers as short as a float needs, and never NaN: JSON has none.
+nlohmann::json number(float value) {
+  if (!std::isfinite(value)) return nullptr;
+  char text[32];
+  std::snprintf(text, sizeof text, "%.7g", static_cast<double>(value));
+  return std::stod(text);
+}
+
+nlohmann::json microseconds(std::int64_t ns) { return static_cast<double>(ns) / 1000.0; }
+
+}  // namespace
+
+JsonLines::JsonLines(const std::string& path) : path_(path) {
+  namespace fs = std::filesystem;
+  std::error_code none;
+  const bool in_place = fs::exists(path, none) && !fs::is_regular_file(path, none);
+  writing_path_ = in_place ? path : path + ".partial";
+  stream_.open(writing_path_, std::ios::trunc);
+  check();
+}
+
+JsonLines::~JsonLines() {
+  if (writing_path_ == path_) return;
+  std::error_code none;
+  stream_.close();
+  std::filesystem::remove(writing_path_, none);
+}
+
+void JsonLines::add(const FrameSlot& slot, std::int64_t dropped) {
+  const FrameHeader& header = slot.frame.header;
+  nlohmann::ordered_json line;
+  line["frame"] = slot.frame_index;
+  line["sequence"] = header.sequence;
+  line["camera_ns"] = header.camera_ns;
+  line["received_ns"] = header.received_ns;
+  line["dropped"] = dropped;
+  auto& vortices = line["vortices"] = nlohmann::ordered_json::array();
+  for (const Vortex& v : slot.vortices)
+    vortices.push_back({{"x", number(v.x)},
+                        {"y", number(v.y)},
+                        {"charge", v.charge},
+                        {"circulation", number(v.circulation)},
+                        {"significance", number(v.significance)},
+                        {"track", v.track}});
+  auto& latency = line["latency_us"] = nlohmann::ordered_json::object();
+  for (std::size_t stage = 0; stage < kStageCount; ++stage)
+    latency[kStages[stage].name] = microseconds(slot.latency.stage_ns[stage]);
+  latency["publish"] = microseconds(slot.latency.publish_ns);
+  latency["total"] = microseconds(slot.latency.total_ns);
+  stream_ << line.dump() << '\n';
+  check();
+}
+
+void JsonLines::commit() {
+  stream_.close();
+  check();
+  if (writing_path_ == path_) return;
+  std::error_code error;
+  std::filesystem::rename(writing_path_, path_, error);
+  if (error) throw Failure(path_ + " cannot be written: " + error.message());
+  writing_path_ = path_;
+}
+
+void JsonLines::check() {
+  if (!stream_)
+    throw Failure(path_ + " cannot be written, is the disk full or the folder missing?");
+}
+
+}  // namespace curlew

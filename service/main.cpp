@@ -1,0 +1,54 @@
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <exception>
+#include <new>
+#include <string>
+
+#include "core/error.h"
+#include "service/commands.h"
+#include "service/version.h"
+
+namespace {
+
+constexpr int kExitFailure = 1;
+constexpr int kExitUsage = 2;
+
+bool is_command(const CLI::App& app, const std::string& word) {
+  const auto commands = app.get_subcommands([&](const CLI::App* c) { return c->check_name(word); });
+  return !commands.empty();
+}
+
+int complain(const std::exception& error, int exit_code) {
+  std::fflush(stdout);
+  std::fprintf(stderr, "curlew: %s\n", error.what());
+  return exit_code;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{"Curlew: wavefronts and optical vortices from a Shack-Hartmann sensor", "curlew"};
+  app.set_version_flag("--version", curlew::kProgram);
+  app.require_subcommand(1);
+  curlew::add_simulate(app);
+  curlew::add_calibrate(app);
+  curlew::add_replay(app);
+  curlew::add_bench(app);
+  try {
+    if (argc > 1 && argv[1][0] != '-' && !is_command(app, argv[1]))
+      throw curlew::UsageError("there is no command '" + std::string(argv[1]) +
+                               "', see curlew --help");
+    app.parse(argc, argv);
+    return 0;
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    return complain(error, kExitUsage);
+  } catch (const curlew::UsageError& error) {
+    return complain(error, kExitUsage);
+  } catch (const std::bad_alloc&) {
+    std::fprintf(stderr, "curlew: out of memory; use smaller frames or fewer slots\n");
+    return kExitFailure;
+  } catch (const std::exception& error) {
+    return complain(error, kExitFailure);
+  }
+}

@@ -1,0 +1,86 @@
+// The stated false-alarm rate, through simulated photons: plane waves have no vortex.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <cstdlib>
+
+#include "acquisition/simulator.h"
+#include "detect/circulation.h"
+#include "service/stages.h"
+#include "tests/support/simulated_sensor.h"
+
+namespace curlew {
+namespace {
+
+constexpr std::array<double, 3> kRates = {1.0, 0.1, 0.01};
+
+/// CURLEW_FALSE_ALARM_FRAMES overrides how many frames are tried.
+std::int64_t frames_to_try() {
+  if (const char* text = std::getenv("CURLEW_FALSE_ALARM_FRAMES")) return std::atoll(text);
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || !defined(NDEBUG)
+  return 1000;
+#else
+  return 25000;
+#endif
+}
+
+struct Optical {
+  int window_px;
+  double photons;
+};
+
+class FalseAlarmRate : public ::testing::TestWithParam<Optical> {};
+
+TEST_P(FalseAlarmRate, IsTheStatedOne) {
+  const auto [window_px, photons] = GetParam();
+  SimulatorOptions options;
+  options.rows = options.cols = 16;
+  options.window_px = window_px;
+  options.photons = photons;
+  options.read_noise_e = 1.0;
+  options.frames = frames_to_try();
+  options.seed = 7501;
+  SCOPED_TRACE("seed 7501");
+  Simulator simulator(options);
+  const Sensor sensor = sensor_of(simulator, window_px, options.bias_adu);
+  const Plan plan(sensor, simulator.format(), {});
+  std::vector<DetectPlan> detectors;
+  for (const double rate : kRates) {
+    DetectOptions detect;
+    detect.false_alarms_per_frame = rate;
+    detectors.emplace_back(detect, sensor.valid, 64);
+  }
+
+  FrameSlot slot(plan, simulator.format());
+  std::array<std::int64_t, kRates.size()> alarms{};
+  std::int64_t lenslets = 0;
+  while (simulator.next(slot.frame) == Delivery::kFrame) {
+    find_centroids(plan.centroid, slot.frame.view(), slot.centroids);
+    measure_slopes(plan.slopes, slot.centroids, slot.slopes);
+    circulate(slot.slopes, slot.circulation);
+    lenslets += slot.slopes.n_valid;
+    for (std::size_t i = 0; i < detectors.size(); ++i) {
+      find_vortices(detectors[i], slot.circulation, slot.vortices);
+      alarms[i] += static_cast<std::int64_t>(slot.vortices.size());
+    }
+  }
+  const auto frames = static_cast<double>(options.frames);
+  EXPECT_GT(static_cast<double>(lenslets) / frames, 254.0) << "hardly a lenslet may fade";
+  for (std::size_t i = 0; i < kRates.size(); ++i) {
+    const double asked = kRates[i] * frames;
+    const double ratio = static_cast<double>(alarms[i]) / asked;
+    std::printf("window %d px, %.0f photons: asked %.2f a frame, had %.4f, ratio %.3f +- %.3f\n",
+                window_px, photons, kRates[i], static_cast<double>(alarms[i]) / frames, ratio,
+                1.0 / std::sqrt(asked));
+    // ±20 % is the promise; three standard deviations of the count are the trial's own scatter.
+    EXPECT_NEAR(ratio, 1.0, 0.20 + 3.0 / std::sqrt(asked));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Photons, FalseAlarmRate,
+                         ::testing::Values(Optical{6, 200.0}, Optical{6, 1000.0}, Optical{8, 200.0},
+                                           Optical{8, 1000.0}));
+
+}  // namespace
+}  // namespace curlew

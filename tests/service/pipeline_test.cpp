@@ -1,0 +1,174 @@
+#include "service/pipeline.h"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cstring>
+#include <stdexcept>
+#include <thread>
+
+#include "acquisition/simulator.h"
+#include "tests/support/simulated_sensor.h"
+
+namespace curlew {
+namespace {
+
+constexpr int kWindow = 8;
+
+SimulatorOptions moving_vortices(std::int64_t frames) {
+  SimulatorOptions options;
+  options.rows = options.cols = 12;
+  options.window_px = kWindow;
+  options.pupil = PupilShape::kObscured;
+  options.field_samples = 16;
+  options.photons = 2000.0;
+  options.frames = frames;
+  options.seed = 7301;
+  options.scene.vortices = {{3.2, 4.6, 1}, {8.1, 6.7, -1}};
+  options.scene.vortex_amplitude = VortexAmplitude::kLinearCore;
+  options.scene.core_radius = 1.5;
+  options.scene.velocity_x = 0.01;
+  return options;
+}
+
+/// Everything a frame gives, as bytes.
+std::string bytes_of(const FrameSlot& slot) {
+  std::string bytes;
+  const auto add = [&](const void* data, std::size_t size) {
+    bytes.append(static_cast<const char*>(data), size);
+  };
+  const auto add_image = [&](const Image<float>& image) {
+    add(image.data(), image.size() * sizeof(float));
+  };
+  add(&slot.frame_index, sizeof slot.frame_index);
+  add(&slot.frame.header.sequence, sizeof slot.frame.header.sequence);
+  add(&slot.frame.header.status, sizeof slot.frame.header.status);
+  for (const Vortex& v : slot.vortices) add(&v, sizeof v);
+  for (const Image<float>* image :
+       {&slot.slopes.x, &slot.slopes.y, &slot.slopes.variance_x, &slot.centroids.flux_adu,
+        &slot.circulation.value, &slot.split.phase, &slot.split.solenoidal_x,
+        &slot.split.potential})
+    add_image(*image);
+  for (const HoleCirculation& hole : slot.split.holes) add(&hole.circulation, sizeof(float));
+  return bytes;
+}
+
+struct Collected {
+  std::vector<std::string> frames;
+  RunReport report;
+};
+
+Collected run(Threading threads, std::size_t slots) {
+  Simulator simulator(moving_vortices(200));
+  const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
+  Config config;
+  config.split.weighted = true;
+  config.pipeline.threads = threads;
+  config.pipeline.slots = slots;
+  const Plan plan(sensor, simulator.format(), config);
+  Pipeline pipeline(plan, simulator.format(), config.pipeline);
+  Collected collected;
+  Publisher publisher;
+  publisher.publish = [&](const FrameSlot& slot) { collected.frames.push_back(bytes_of(slot)); };
+  collected.report = pipeline.run(simulator, publisher, {});
+  return collected;
+}
+
+TEST(Pipeline, PerStageIsInlineBitForBit) {
+  const Collected one = run(Threading::kInline, 1);
+  ASSERT_EQ(one.frames.size(), 200U);
+  EXPECT_GT(one.report.vortices, 200);
+  for (const std::size_t slots : {2U, 8U}) {
+    const Collected many = run(Threading::kPerStage, slots);
+    ASSERT_EQ(many.frames.size(), one.frames.size());
+    EXPECT_EQ(many.report.vortices, one.report.vortices);
+    for (std::size_t i = 0; i < one.frames.size(); ++i)
+      ASSERT_TRUE(many.frames[i] == one.frames[i]) << "frame " << i;
+  }
+}
+
+/// Counts up, and can fail.
+class CountingSource final : public FrameSource {
+ public:
+  CountingSource(std::int64_t count, std::int64_t fails_at) : count_(count), fails_at_(fails_at) {
+    format_.rows = format_.cols = 4 * kWindow;
+  }
+  const FrameFormat& format() const override { return format_; }
+  std::int64_t frame_count() const override { return count_; }
+  Delivery next(FrameBuffer& into) override {
+    if (next_ == fails_at_) throw std::runtime_error("the camera is gone");
+    if (next_ == count_) return Delivery::kEnd;
+    std::memset(into.data(), 0, format_.bytes());
+    into.header = {.sequence = 3 * next_++, .received = std::chrono::steady_clock::now()};
+    into.rows_ready = format_.rows;
+    return Delivery::kFrame;
+  }
+
+ private:
+  FrameFormat format_;
+  std::int64_t count_;
+  std::int64_t fails_at_;
+  std::int64_t next_ = 0;
+};
+
+class PipelineModes : public ::testing::TestWithParam<Threading> {
+ protected:
+  RunReport run(FrameSource& source, const Publisher& publisher, RunOptions options = {}) {
+    Config config;
+    config.pipeline.threads = GetParam();
+    config.pipeline.slots = 3;
+    const Plan plan(tiled_sensor({4, 4, kWindow}), source.format(), config);
+    Pipeline pipeline(plan, source.format(), config.pipeline);
+    return pipeline.run(source, publisher, options);
+  }
+};
+
+TEST_P(PipelineModes, ASlowPublisherLosesNothing) {
+  CountingSource source(40, -1);
+  std::int64_t expected = 0;
+  Publisher publisher;
+  publisher.publish = [&](const FrameSlot& slot) {
+    EXPECT_EQ(slot.frame_index, expected++);
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  };
+  const RunReport report = run(source, publisher);
+  EXPECT_EQ(report.frames, 40);
+  EXPECT_EQ(expected, 40);
+  EXPECT_EQ(report.dropped, 78) << "sequence steps of 3 are 2 lost frames each";
+  EXPECT_EQ(report.total.count(), 40U);
+}
+
+TEST_P(PipelineModes, AFailingSourceEndsTheRun) {
+  CountingSource source(1000, 5);
+  std::int64_t published = 0;
+  Publisher publisher;
+  publisher.publish = [&](const FrameSlot&) { ++published; };
+  EXPECT_THROW(run(source, publisher), std::runtime_error);
+  EXPECT_EQ(published, 5) << "what came before is delivered";
+}
+
+TEST_P(PipelineModes, AFailingPublisherEndsTheRun) {
+  CountingSource source(1'000'000'000, -1);
+  Publisher publisher;
+  publisher.publish = [&](const FrameSlot& slot) {
+    if (slot.frame_index == 7) throw std::runtime_error("disk full");
+  };
+  EXPECT_THROW(run(source, publisher), std::runtime_error);
+}
+
+TEST_P(PipelineModes, StopsAfterTheFramesAskedFor) {
+  CountingSource source(1000, -1);
+  EXPECT_EQ(run(source, {}, {0.0, 12}).frames, 12);
+}
+
+TEST_P(PipelineModes, PaceIsKept) {
+  CountingSource source(21, -1);
+  // 20 intervals of 2 ms; never faster, and how much slower is the machine's affair.
+  EXPECT_GE(run(source, {}, {500.0, -1}).seconds, 0.040);
+}
+
+INSTANTIATE_TEST_SUITE_P(Modes, PipelineModes,
+                         ::testing::Values(Threading::kInline, Threading::kPerStage));
+
+}  // namespace
+}  // namespace curlew

@@ -1,0 +1,196 @@
+// Bad input as a user meets it: an exit code, one clear sentence, nothing left half-written.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "tests/support/program.h"
+#include "tests/support/raw_fits.h"
+
+namespace curlew {
+namespace {
+
+constexpr const char* kOptics = " --pitch-um 300 --focal-mm 10 --pixel-um 10 --wavelength-nm 633 ";
+
+class BadInput : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    good_ = std::make_unique<ScratchDirectory>();
+    const std::string small = "--rows 6 --cols 6 --photons 2000 --out ";
+    ASSERT_EQ(run_curlew(*good_, "simulate --frames 5 " + small + "ref.fits").exit_code, 0);
+    ASSERT_EQ(
+        run_curlew(*good_, "simulate --frames 5 --window 10 " + small + "other.fits").exit_code, 0);
+    const ProgramRun calibrated = run_curlew(*good_, "calibrate ref.fits --out sensor.fits");
+    ASSERT_EQ(calibrated.exit_code, 0) << calibrated.err;
+  }
+  static void TearDownTestSuite() { good_.reset(); }
+
+  void SetUp() override {
+    for (const char* name : {"ref.fits", "other.fits", "sensor.fits"})
+      std::filesystem::copy_file(*good_ / name, scratch_ / name);
+  }
+
+  /// The run fails with this code and one line on stderr that has all these words; no file comes or
+  /// goes.
+  void expect_refused(const std::string& arguments, int exit_code,
+                      const std::vector<std::string>& words, const std::string& prefix = "") {
+    const auto before = scratch_.names();
+    const ProgramRun run = run_curlew(scratch_, arguments, prefix);
+    SCOPED_TRACE(arguments + "\nstderr: " + run.err);
+    EXPECT_EQ(run.exit_code, exit_code);
+    EXPECT_EQ(std::count(run.err.begin(), run.err.end(), '\n'), 1) << "one line";
+    EXPECT_EQ(run.err.rfind("curlew: ", 0), 0U);
+    for (const std::string& word : words)
+      EXPECT_NE(run.err.find(word), std::string::npos) << "should say: " << word;
+    EXPECT_EQ(scratch_.names(), before) << "nothing half-written";
+  }
+
+  void expect_all_refuse(const std::string& file, const std::vector<std::string>& words) {
+    expect_refused("calibrate " + file + kOptics + "--out new.fits", 1, words);
+    expect_refused("replay " + file + " --sensor sensor.fits --out new.fits --jsonl new.jsonl", 1,
+                   words);
+    expect_refused("replay ref.fits --sensor " + file + " --out new.fits", 1, {file});
+    expect_refused("calibrate ref.fits --dark " + file + " --out new.fits", 1, words);
+  }
+
+  static std::unique_ptr<ScratchDirectory> good_;
+  ScratchDirectory scratch_;
+};
+std::unique_ptr<ScratchDirectory> BadInput::good_;
+
+TEST_F(BadInput, Missing) { expect_all_refuse("nowhere.fits", {"nowhere.fits"}); }
+
+TEST_F(BadInput, Empty) {
+  write_bytes(scratch_ / "empty.fits", "");
+  expect_all_refuse("empty.fits", {"empty.fits", "empty"});
+}
+
+TEST_F(BadInput, NotFits) {
+  write_bytes(scratch_ / "text.fits", std::string(10000, 'x'));
+  expect_all_refuse("text.fits", {"text.fits", "FITS"});
+}
+
+TEST_F(BadInput, Truncated) {
+  const std::string bytes = read_bytes(scratch_ / "ref.fits");
+  write_bytes(scratch_ / "half.fits", bytes.substr(0, 2880 + 2 * 48 * 48 * 2 + 100));
+  expect_all_refuse("half.fits", {"half.fits"});
+}
+
+TEST_F(BadInput, ZeroFrames) {
+  write_bytes(scratch_ / "none.fits", raw_image_header(16, {"48", "48", "0"}));
+  expect_all_refuse("none.fits", {"none.fits"});
+}
+
+TEST_F(BadInput, AllNan) {
+  // −1 in every byte is a NaN in big-endian float.
+  std::string file = raw_image_header(-32, {"48", "48"});
+  file += std::string((48 * 48 * 4 + 2879) / 2880 * 2880, '\xff');
+  write_bytes(scratch_ / "nan.fits", file);
+  expect_all_refuse("nan.fits", {"nan.fits"});
+}
+
+TEST_F(BadInput, DimensionsBeyondReason) {
+  write_bytes(scratch_ / "overflow.fits",
+              raw_image_header(16, {"4000000000", "4000000000", "4000000000"}));
+  expect_all_refuse("overflow.fits", {"overflow.fits"});
+  write_bytes(scratch_ / "memory.fits", raw_image_header(8, {"1000000", "1000000", "2"}));
+  expect_all_refuse("memory.fits", {"memory.fits"});
+}
+
+TEST_F(BadInput, ARecordingThatDoesNotFitTheSensor) {
+  expect_refused("replay other.fits --sensor sensor.fits --out new.fits", 1, {"48", "60"});
+}
+
+TEST_F(BadInput, ADirectory) {
+  std::filesystem::create_directory(scratch_ / "folder");
+  expect_refused("replay folder --sensor sensor.fits", 1, {"folder"});
+}
+
+TEST_F(BadInput, Configuration) {
+  write_bytes(scratch_ / "c.toml", "[detect]\nfalse_alarm = 1\n");
+  expect_refused("replay ref.fits --sensor sensor.fits --config c.toml", 2,
+                 {"c.toml:2", "false_alarm"});
+  expect_refused("replay ref.fits --sensor sensor.fits --config none.toml", 2, {"none.toml"});
+  expect_refused("replay ref.fits --sensor sensor.fits --false-alarms -1", 2, {"false"});
+  expect_refused("replay ref.fits --sensor sensor.fits --false-alarms nan", 2, {"false"});
+  expect_refused("replay ref.fits --sensor sensor.fits --threads many", 2, {"--threads", "many"});
+  expect_refused("replay ref.fits --sensor sensor.fits --pace -5", 2, {"--pace"});
+  expect_refused("replay ref.fits --sensor sensor.fits --save slope --out new.fits", 2, {"slope"});
+}
+
+TEST_F(BadInput, Usage) {
+  expect_refused("replay ref.fits", 2, {"--sensor"});
+  expect_refused("replay ref.fits --sensor sensor.fits --nonsense", 2, {"--nonsense"});
+  expect_refused("dance", 2, {"dance"});
+  expect_refused("", 2, {"subcommand"});
+  expect_refused("simulate --preset donut --out new.fits", 2, {"donut", "vortex"});
+  expect_refused("simulate --preset vortex --vortex 1,2 --out new.fits", 2, {"--vortex", "1,2"});
+  expect_refused("simulate --rows 0 --out new.fits", 2, {"lenslet row"});
+  expect_refused("simulate --frames 0 --out new.fits", 2, {"--frames"});
+  expect_refused("simulate --rows 6 --cols 6 --preset field --field ref.fits --out new.fits", 1,
+                 {"ref.fits"});
+}
+
+TEST_F(BadInput, InputsAreNotWrittenOver) {
+  expect_refused("replay ref.fits --sensor sensor.fits --out ref.fits", 2, {"ref.fits"});
+  expect_refused("replay ref.fits --sensor sensor.fits --jsonl sensor.fits", 2, {"sensor.fits"});
+  expect_refused("calibrate ref.fits --out ref.fits", 2, {"ref.fits"});
+}
+
+TEST_F(BadInput, NoLightAndAllSaturated) {
+  ASSERT_EQ(
+      run_curlew(scratch_, "simulate --rows 6 --cols 6 --photons 0.001 --out dark.fits").exit_code,
+      0);
+  expect_refused("calibrate dark.fits --out new.fits", 1, {"dark.fits"});
+  std::string file = raw_image_header(8, {"48", "48"});
+  file += std::string((48 * 48 + 2879) / 2880 * 2880, '\xff');
+  write_bytes(scratch_ / "bright.fits", file);
+  expect_refused("calibrate bright.fits" + std::string(kOptics) + "--out new.fits", 1,
+                 {"bright.fits"});
+}
+
+TEST_F(BadInput, OpticsUnknown) {
+  std::string file = raw_image_header(8, {"48", "48"});
+  file += std::string((48 * 48 + 2879) / 2880 * 2880, '\1');
+  write_bytes(scratch_ / "plain.fits", file);
+  expect_refused("calibrate plain.fits --out new.fits", 2, {"--pitch-um"});
+  expect_refused("calibrate ref.fits --focal-mm -3 --out new.fits", 2, {"--focal-mm"});
+}
+
+TEST_F(BadInput, AFolderThatIsNotThere) {
+  expect_refused("simulate --out none/new.fits", 1, {"none/new.fits"});
+  expect_refused("calibrate ref.fits --out none/new.fits", 1, {"none/new.fits"});
+  expect_refused("replay ref.fits --sensor sensor.fits --out none/new.fits", 1, {"none/new.fits"});
+  expect_refused("replay ref.fits --sensor sensor.fits --jsonl none/new.jsonl", 1,
+                 {"none/new.jsonl"});
+}
+
+TEST_F(BadInput, FullDisk) {
+  // A limit on the file's size stands in for a full disk: the write fails in the same place.
+  // 16 KiB is reached in the middle of the frames, of the images, of the lines.
+  const std::string limit = "ulimit -f 16; trap '' XFSZ; ";
+  expect_refused("simulate --rows 6 --cols 6 --frames 50 --out new.fits", 1, {"new.fits", "full"},
+                 limit);
+  expect_refused("calibrate ref.fits --out new.fits", 1, {"new.fits", "full"}, limit);
+  expect_refused("replay ref.fits --sensor sensor.fits --out new.fits --save slopes,phase", 1,
+                 {"new.fits", "full"}, limit);
+  const std::string little = "ulimit -f 1; trap '' XFSZ; ";
+  expect_refused("replay ref.fits --sensor sensor.fits --jsonl new.jsonl", 1, {"new.jsonl", "full"},
+                 little);
+}
+
+TEST_F(BadInput, FullDiskForReal) {
+  const std::string mounted = scratch_ / "small";
+  std::filesystem::create_directory(mounted);
+  if (std::system(("mount -t tmpfs -o size=200k none '" + mounted + "' 2>/dev/null").c_str()) != 0)
+    GTEST_SKIP() << "may not mount a small tmpfs here";
+  const ProgramRun run = run_curlew(scratch_, "simulate --frames 100 --out small/new.fits");
+  const bool empty = std::filesystem::is_empty(mounted);
+  EXPECT_EQ(std::system(("umount '" + mounted + "'").c_str()), 0);
+  EXPECT_EQ(run.exit_code, 1);
+  EXPECT_NE(run.err.find("small/new.fits"), std::string::npos) << run.err;
+  EXPECT_NE(run.err.find("full"), std::string::npos) << run.err;
+  EXPECT_TRUE(empty) << "nothing half-written";
+}
+
+}  // namespace
+}  // namespace curlew
