@@ -12,12 +12,13 @@ run() {
   "$curlew" "$@"
 }
 
-sensor=(--rows 20 --cols 20 --window 8 --pupil obscured --photons 2000 --read-noise 2)
-run simulate --preset plane "${sensor[@]}" --frames 50 --seed 1 --out "$out/reference.fits"
+sensor=(--rows 20 --cols 20 --window 8 --pupil obscured --obscuration 0.25 --read-noise 2 --bits 14)
+run simulate --preset plane "${sensor[@]}" --photons 10000 --frames 50 --seed 1 --out "$out/reference.fits"
 run calibrate "$out/reference.fits" --out "$out/sensor.fits"
-run simulate --preset vortex "${sensor[@]}" --amplitude linear --zernike 6:0.8 --zernike 8:0.5 \
-  --vortex 5.3,8.6,+1 --vortex 13.8,4.4,-1 --vortex 15.2,12.1,+1 --vortex 7.9,15.5,-1 \
-  --velocity 0.004,0.002 --frames 200 --seed 2 --out "$out/beam.fits"
+run simulate --preset vortex "${sensor[@]}" --photons 3000 --amplitude linear --core-radius 1.5 \
+  --zernike 6:0.8 --zernike 8:0.5 \
+  --vortex 4.3,6.6,+1 --vortex 14.2,4.4,-1 --vortex 15.2,12.1,+1 --vortex 6.9,14.5,-1 \
+  --velocity 0.004,0.002 --frames 100 --seed 2 --out "$out/beam.fits"
 run replay "$out/beam.fits" --sensor "$out/sensor.fits" --out "$out/results.fits" \
   --save slopes,flux,phase,solenoidal,circulation --jsonl "$out/vortices.jsonl"
 

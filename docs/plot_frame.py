@@ -74,8 +74,8 @@ def main():
     limit = np.nanmax(np.abs(phase))
     picture = waves.imshow(phase, cmap="RdYlBu_r", vmin=-limit, vmax=limit, extent=lenslets)
     y, x = np.mgrid[0:rows, 0:cols]
-    waves.quiver(x, y, solenoidal[0], solenoidal[1], angles="xy", scale_units="xy", scale=2.2,
-                 width=0.0035, color="black")
+    waves.quiver(x, y, solenoidal[0], solenoidal[1], angles="xy", scale_units="xy", scale=1.4,
+                 width=0.004, color="black")
     figure.colorbar(picture, ax=waves, shrink=0.82, label="rad")
     mark(waves, vortices)
     waves.set(title="Least-squares phase and what it leaves out", xlabel="x, lenslets",
@@ -92,9 +92,10 @@ def main():
     for axes in (spots, waves, turns):
         axes.set_aspect("equal")
 
-    charges = " ".join("+" if v["CHARGE"] > 0 else "−" for v in vortices)
-    figure.suptitle(f"Frame {n}: {len(vortices)} vortices ({charges})", fontsize=15)
-    figure.savefig(arguments.out, dpi=110)
+    positive = sum(v["CHARGE"] > 0 for v in vortices)
+    figure.suptitle(f"Frame {n}: {positive} positive and {len(vortices) - positive} negative vortices",
+                    fontsize=15)
+    figure.savefig(arguments.out, dpi=80)
 
 
 if __name__ == "__main__":

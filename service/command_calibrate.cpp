@@ -12,7 +12,6 @@
 #include "core/error.h"
 #include "service/commands.h"
 #include "service/config.h"
-#include "service/progress.h"
 #include "service/reference_spots.h"
 #include "service/sensor_file.h"
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/error.h"
+#include "service/progress.h"
 
 namespace curlew {
 namespace {
@@ -41,9 +42,11 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
   Centroids centroids(sensor.grid.rows, sensor.grid.cols);
   std::vector<Sums> sums(sensor.valid.size());
   int frames = 0;
+  Progress progress("calibrate", source.frame_count());
   while (source.next(frame) == Delivery::kFrame) {
     find_centroids(plan, frame.view(), centroids);
     ++frames;
+    progress.step();
     for (std::size_t k = 0; k < sums.size(); ++k) {
       ++sums[k].states[static_cast<std::size_t>(centroids.state[k])];
       if (centroids.state[k] != LensletState::kValid) continue;
