@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "acquisition/fits_handle.h"
+#include "acquisition/partial_path.h"
 #include "core/error.h"
 
 namespace curlew {
@@ -131,8 +132,8 @@ FitsFile FitsFile::create(const std::string& path) {
   if (!fs::is_directory(folder, error)) {
     handle->fail("cannot be written: the directory " + folder.string() + " does not exist");
   }
-  const std::string partial = literal_path(path + ".partial");
-  fs::remove(partial, error);  // left by a program that was killed
+  handle->target = target_of(path);
+  const std::string partial = literal_path(partial_path(handle->target));
 
   int status = 0;
   fitsfile* file = nullptr;
@@ -154,7 +155,7 @@ void FitsFile::commit() {
   int status = 0;
   fits_close_file(cfits(std::exchange(h.file, nullptr)), &status);
   std::error_code error;
-  if (status == 0) fs::rename(h.partial, h.path, error);
+  if (status == 0) fs::rename(h.partial, h.target, error);
   if (status != 0 || error) {
     std::error_code ignored;
     fs::remove(h.partial, ignored);
@@ -170,19 +171,6 @@ int FitsFile::hdu_count() {
   fits_get_num_hdus(cfits(handle_->file), &count, &status);
   handle_->check(status, "find all its HDUs");
   return count;
-}
-
-std::vector<std::string> FitsFile::hdu_names() {
-  const int count = hdu_count();
-  int selected = 1;
-  fits_get_hdu_num(cfits(handle_->file), &selected);
-  std::vector<std::string> names;
-  for (int i = 0; i < count; ++i) {
-    select(i);
-    names.push_back(key_string("EXTNAME").value_or(""));
-  }
-  select(selected - 1);
-  return names;
 }
 
 void FitsFile::select(int index) {

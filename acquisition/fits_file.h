@@ -43,7 +43,8 @@ class FitsFile {
   /// Opens for reading. Failure: missing, a directory, empty, unreadable, not FITS, damaged.
   static FitsFile open(const std::string& path);
 
-  /// Starts `<path>.partial`. Without commit() it is deleted again and path stays untouched.
+  /// Starts a file of another name beside it. Without commit() that is deleted and path stays
+  /// untouched. Links are followed.
   static FitsFile create(const std::string& path);
 
   FitsFile(FitsFile&&) noexcept;
@@ -59,8 +60,6 @@ class FitsFile {
   // HDUs ------------------------------------------------------------------------------------
   /// How many HDUs there are. Failure where one of their headers is cut off or damaged.
   int hdu_count();
-  /// The EXTNAMEs in order, "" for an HDU without one (mostly the primary).
-  std::vector<std::string> hdu_names();
   /// Selects by index, 0 is the primary. Failure where there are fewer.
   void select(int index);
   /// Selects by EXTNAME (case does not matter). Failure where there is none.
@@ -75,7 +74,6 @@ class FitsFile {
   // nullopt where the key is absent or has no value; Failure where the value is of another type.
   std::optional<double> key_double(const std::string& name);
   std::optional<std::int64_t> key_int(const std::string& name);
-  std::optional<bool> key_bool(const std::string& name);
   std::optional<std::string> key_string(const std::string& name);
   /// Writes or replaces; name: at most 8 capitals, digits, '-' or '_'. The unit goes in brackets
   /// before the comment, as FITS has it. What is not ASCII becomes '?', which is all that a header

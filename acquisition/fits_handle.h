@@ -16,6 +16,7 @@ struct FitsFile::Handle {
 
   void* file = nullptr;  ///< cfitsio's fitsfile*
   std::string path;      ///< as the user wrote it
+  std::string target;    ///< the file it names, links followed
   std::string partial;   ///< what is being written; empty when reading
 
   bool writing() const { return !partial.empty(); }

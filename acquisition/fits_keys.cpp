@@ -71,15 +71,6 @@ std::optional<std::int64_t> FitsFile::key_int(const std::string& name) {
   return value;
 }
 
-std::optional<bool> FitsFile::key_bool(const std::string& name) {
-  int status = 0;
-  int value = 0;
-  fits_read_key(cfits(handle_->file), TLOGICAL, name.c_str(), &value, nullptr, &status);
-  if (is_absent(status)) return std::nullopt;
-  handle_->check(status, "read the key " + name + " as T or F");
-  return value != 0;
-}
-
 std::optional<std::string> FitsFile::key_string(const std::string& name) {
   int status = 0;
   char* value = nullptr;

@@ -192,6 +192,7 @@ Delivery FitsSource::next(FrameBuffer& into) {
   };
   FrameHeader& header = into.header;
   header.sequence = value_or(table_.sequence, next_sequence_);
+  header.renumbered = frame_in_file_ == 0;
   header.camera_ns = value_or(table_.camera_ns, std::int64_t{0});
   header.received_ns = value_or(table_.received_ns, std::int64_t{0});
   header.status = static_cast<std::uint32_t>(value_or(table_.status, std::int32_t{0}));

@@ -107,7 +107,7 @@ void RecordingWriter::commit() {
 std::optional<std::vector<TruthVortex>> read_truth(const std::string& path) {
   FitsFile file = FitsFile::open(path);
   if (!file.try_select("TRUTH")) return std::nullopt;
-  const auto rows = static_cast<std::size_t>(file.row_count());
+  const auto rows = static_cast<std::size_t>(file.whole_row_count());
   const auto read = [&]<typename T>(const std::string& name, T) {
     std::vector<T> values(rows);
     file.read_column(name, 0, std::span<T>(values));

@@ -48,7 +48,8 @@ class RecordingWriter {
   bool has_truth_ = false;
 };
 
-/// The table TRUTH of a recording, in file order; nullopt where it has none: only simulated ones do.
+/// The table TRUTH of a recording, in file order; nullopt where it has none: only simulated ones
+/// do.
 std::optional<std::vector<TruthVortex>> read_truth(const std::string& path);
 
 }  // namespace curlew

@@ -10,9 +10,19 @@
 namespace curlew {
 namespace {
 
-void read(FitsFile& file, const std::string& name, double& into) {
-  into = file.key_double(name).value_or(into);
+/// A quantity that makes sense only from `least` to `most`.
+void read(FitsFile& file, const std::string& name, double& into, double least, double most) {
+  const auto value = file.key_double(name);
+  if (!value) return;
+  if (!(*value >= least && *value <= most)) {
+    throw Failure(file.path() + " has a key " + name +
+                  " that makes no sense: " + std::to_string(*value));
+  }
+  into = *value;
 }
+
+constexpr double kLeastLength_m = 1e-9;
+constexpr double kMostLength_m = 1e3;
 
 void read(FitsFile& file, const std::string& name, int& into) {
   const std::int64_t value = file.key_int(name).value_or(into);
@@ -30,11 +40,11 @@ void write(FitsFile& file, const std::string& name, double value, const std::str
 }  // namespace
 
 void read_optics(FitsFile& file, Optics& optics) {
-  read(file, "PITCH_M", optics.pitch_m);
-  read(file, "FOCAL_M", optics.focal_m);
-  read(file, "PIXEL_M", optics.pixel_m);
-  read(file, "WAVELEN", optics.wavelength_m);
-  read(file, "MAGNIF", optics.magnification);
+  read(file, "PITCH_M", optics.pitch_m, kLeastLength_m, kMostLength_m);
+  read(file, "FOCAL_M", optics.focal_m, kLeastLength_m, kMostLength_m);
+  read(file, "PIXEL_M", optics.pixel_m, kLeastLength_m, kMostLength_m);
+  read(file, "WAVELEN", optics.wavelength_m, kLeastLength_m, kMostLength_m);
+  read(file, "MAGNIF", optics.magnification, 1e-6, 1e6);
   int parity = optics.mirrored ? -1 : 1;
   read(file, "PARITY", parity);
   if (parity != 1 && parity != -1) {
@@ -45,9 +55,9 @@ void read_optics(FitsFile& file, Optics& optics) {
 }
 
 void read_detector(FitsFile& file, Detector& detector) {
-  read(file, "EPERADU", detector.e_per_adu);
-  read(file, "RDNOISE", detector.read_noise_e);
-  read(file, "SATURATE", detector.saturation_adu);
+  read(file, "EPERADU", detector.e_per_adu, 1e-9, 1e9);
+  read(file, "RDNOISE", detector.read_noise_e, 0.0, 1e9);
+  read(file, "SATURATE", detector.saturation_adu, -1e12, 1e12);
   read(file, "BITDEPTH", detector.bit_depth);
 }
 
@@ -55,6 +65,7 @@ void read_region(FitsFile& file, FrameFormat& format) {
   read(file, "OFFSETX", format.offset_x_px);
   read(file, "OFFSETY", format.offset_y_px);
   read(file, "XBINNING", format.binning);
+  if (format.binning < 1) throw Failure(file.path() + " has a key XBINNING below 1");
   int binning_y = format.binning;
   read(file, "YBINNING", binning_y);
   if (binning_y != format.binning) {

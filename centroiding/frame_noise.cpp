@@ -32,8 +32,9 @@ FrameNoise estimate_frame_noise(const Sensor& sensor, const FrameFormat& format,
   };
   std::vector<double> differences;
   std::vector<double> levels;
-  for (const Window& w : sensor.window) {
-    if (w.w < 4 || w.h < 4) continue;
+  for (std::size_t k = 0; k < sensor.window.size(); ++k) {
+    const Window& w = sensor.window[k];
+    if (sensor.valid[k] == 0 || w.w < 4 || w.h < 4) continue;
     for (const int y : {w.y0, w.y0 + w.h - 1})
       for (const int x : {w.x0, w.x0 + w.w - 2}) {
         const double difference = std::abs(pixel(y, x + 1) - pixel(y, x));

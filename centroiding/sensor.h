@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 
 #include "core/image.h"
 #include "core/lenslet_grid.h"
@@ -47,6 +48,15 @@ struct Sensor {
   Image<float> flat;  ///< response, mean 1 over good pixels
   Image<std::uint8_t> bad_pixel;
 };
+
+/// Takes lenslet k out of the sensor.
+inline void drop_lenslet(Sensor& sensor, std::size_t k) {
+  sensor.valid[k] = 0;
+  sensor.window[k] = {};
+  for (Image<float>* map :
+       {&sensor.ref_x_px, &sensor.ref_y_px, &sensor.gain_x, &sensor.gain_y, &sensor.flux_adu})
+    (*map)[k] = std::numeric_limits<float>::quiet_NaN();
+}
 
 /// Adds pixels to the sensor's bad ones. bad: [frame_rows, frame_cols] or empty.
 inline void add_bad_pixels(Sensor& sensor, const Image<std::uint8_t>& bad) {

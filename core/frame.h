@@ -41,6 +41,7 @@ struct FrameFormat {
 
 struct FrameHeader {
   std::int64_t sequence = 0;     ///< the device's frame number; gaps are lost frames
+  bool renumbered = false;       ///< numbering starts anew here: nothing was lost before
   std::int64_t camera_ns = 0;    ///< the device's own clock; 0 unknown
   std::int64_t received_ns = 0;  ///< UTC since 1970, for files; never used for latency
   std::chrono::steady_clock::time_point received{};  ///< latency is counted from here

@@ -15,7 +15,6 @@ class CholeskyFactor {
   explicit CholeskyFactor(const Eigen::SparseMatrix<double>& a);
 
   int size() const { return static_cast<int>(inverse_diagonal_.size()); }
-  std::size_t nonzeros() const { return values_.size() + inverse_diagonal_.size(); }
 
   /// Where unknown i of A stands in the order of elimination. Vectors given to solve_in_place are
   /// in that order, so that no solve has to permute.

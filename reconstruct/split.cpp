@@ -142,7 +142,10 @@ class Splitter {
       for (std::size_t i = 0; i < ws_.direction_.size(); ++i)
         ws_.direction_[i] = ws_.solved_[i] + beta * ws_.direction_[i];
       const double curvature = apply_direction();
-      if (!(curvature > 0.0)) return;
+      if (!(curvature > 0.0)) {
+        split_.converged = curvature == 0.0;  // not a number: slopes too large for float
+        return;
+      }
       const auto alpha = static_cast<float>(energy / curvature);
       for (std::size_t i = 0; i < ws_.phi_.size(); ++i) ws_.phi_[i] += alpha * ws_.direction_[i];
       for (std::size_t i = 0; i < ws_.edge_.size(); ++i) ws_.edge_[i] -= alpha * ws_.step_edge_[i];

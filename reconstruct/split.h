@@ -88,8 +88,8 @@ class SplitWorkspace {
 
 /// Splits one frame. Lenslets of the plan that are not valid in `slopes` are left out of the fit:
 /// the answer is the least-squares one on the lattice that remains. Phase, slopes: 0 there.
-/// A lenslet valid in `slopes` must be valid in the plan. Accuracy: slopes 1e-6, phase 2e-5 of the largest
-/// (float; see tests/reconstruct).
+/// A lenslet valid in `slopes` must be valid in the plan. Accuracy: slopes 1e-6, phase 2e-5 of the
+/// largest (float; see tests/reconstruct).
 void split_slopes(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
                   HodgeSplit& split) noexcept;
 

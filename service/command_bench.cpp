@@ -61,6 +61,7 @@ RunReport measure(const BenchCase& which, const BenchOptions& options) {
   constexpr int kDistinctFrames = 4;
   constexpr std::int64_t kWarmUp = 100;
   std::vector<BenchFrame> frames;
+  frames.reserve(kDistinctFrames);
   for (int i = 0; i < kDistinctFrames; ++i)
     frames.push_back(
         make_bench_frame(which, BenchSlopes::kSmooth, static_cast<std::uint64_t>(i) + 1));

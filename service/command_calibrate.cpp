@@ -1,8 +1,8 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <memory>
 #include <optional>
 
@@ -12,6 +12,7 @@
 #include "core/error.h"
 #include "service/commands.h"
 #include "service/config.h"
+#include "service/outputs.h"
 #include "service/reference_spots.h"
 #include "service/sensor_file.h"
 
@@ -38,8 +39,8 @@ Image<To> converted(const Image<From>& from) {
 }
 
 /// What the user said, in SI units, goes before what the recording says.
-void override(double& value, const std::optional<double>& given, double unit,
-              const std::string& option, bool zero_allowed = false) {
+void apply_option(double& value, const std::optional<double>& given, double unit,
+                  const std::string& option, bool zero_allowed = false) {
   if (!given) return;
   if (!std::isfinite(*given) || *given < 0.0 || (*given == 0.0 && !zero_allowed))
     throw UsageError(option + " must be a positive number");
@@ -47,11 +48,11 @@ void override(double& value, const std::optional<double>& given, double unit,
 }
 
 Optics optics_of(const CalibrateOptions& options, Optics optics) {
-  override(optics.pitch_m, options.pitch_um, 1e-6, "--pitch-um");
-  override(optics.focal_m, options.focal_mm, 1e-3, "--focal-mm");
-  override(optics.pixel_m, options.pixel_um, 1e-6, "--pixel-um");
-  override(optics.wavelength_m, options.wavelength_nm, 1e-9, "--wavelength-nm");
-  override(optics.magnification, options.magnification, 1.0, "--magnification");
+  apply_option(optics.pitch_m, options.pitch_um, 1e-6, "--pitch-um");
+  apply_option(optics.focal_m, options.focal_mm, 1e-3, "--focal-mm");
+  apply_option(optics.pixel_m, options.pixel_um, 1e-6, "--pixel-um");
+  apply_option(optics.wavelength_m, options.wavelength_nm, 1e-9, "--wavelength-nm");
+  apply_option(optics.magnification, options.magnification, 1.0, "--magnification");
   optics.mirrored = optics.mirrored || options.mirror;
   std::string missing;
   for (const auto& [value, option] :
@@ -64,9 +65,9 @@ Optics optics_of(const CalibrateOptions& options, Optics optics) {
 }
 
 Detector detector_of(const CalibrateOptions& options, Detector detector) {
-  override(detector.e_per_adu, options.e_per_adu, 1.0, "--e-per-adu");
-  override(detector.read_noise_e, options.read_noise_e, 1.0, "--read-noise-e", true);
-  override(detector.saturation_adu, options.saturation_adu, 1.0, "--saturation-adu");
+  apply_option(detector.e_per_adu, options.e_per_adu, 1.0, "--e-per-adu");
+  apply_option(detector.read_noise_e, options.read_noise_e, 1.0, "--read-noise-e", true);
+  apply_option(detector.saturation_adu, options.saturation_adu, 1.0, "--saturation-adu");
   return detector;
 }
 
@@ -75,6 +76,10 @@ MeanImage read_map(const std::string& path, const MeanImage& reference) {
   MeanImage map = read_mean_image(path);
   const FrameFormat& a = map.region;
   const FrameFormat& b = reference.region;
+  if (a.offset_x_px != b.offset_x_px || a.offset_y_px != b.offset_y_px || a.binning != b.binning)
+    throw Failure(fmt::format(
+        "{} begins at ({}, {}) binned {}, the reference at ({}, {}) binned {}", path, a.offset_x_px,
+        a.offset_y_px, a.binning, b.offset_x_px, b.offset_y_px, b.binning));
   if (a.rows != b.rows || a.cols != b.cols)
     throw Failure(fmt::format("{} is {} x {} px, the reference {} x {}", path, a.cols, a.rows,
                               b.cols, b.rows));
@@ -109,15 +114,6 @@ CalibrationInput read_input(const CalibrateOptions& options, const FitsSource& s
   return input;
 }
 
-void refuse_overwriting(const CalibrateOptions& options) {
-  for (const std::string& input :
-       {options.reference, options.dark, options.flat, options.bad_pixels}) {
-    std::error_code none;
-    if (!input.empty() && std::filesystem::equivalent(options.out, input, none))
-      throw UsageError(options.out + " is an input of this calibration, write to another file");
-  }
-}
-
 void print_fit(const CalibrateOptions& options, const Sensor& sensor) {
   const LensletGrid& grid = sensor.grid;
   const auto lit = std::count(sensor.valid.begin(), sensor.valid.end(), std::uint8_t{1});
@@ -133,7 +129,8 @@ void print_fit(const CalibrateOptions& options, const Sensor& sensor) {
 }
 
 void calibrate(const CalibrateOptions& options) {
-  refuse_overwriting(options);
+  refuse_overwriting(options.out, {options.reference, options.dark, options.flat,
+                                   options.bad_pixels, options.config});
   const Config config = options.config.empty() ? Config{} : read_config(options.config);
   FitsSource source({options.reference});
   CalibrationInput input = read_input(options, source);

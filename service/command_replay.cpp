@@ -4,16 +4,18 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
 #include <memory>
 #include <optional>
 
 #include "acquisition/fits_source.h"
+#include "acquisition/partial_path.h"
 #include "centroiding/frame_noise.h"
 #include "core/error.h"
 #include "service/commands.h"
+#include "service/interrupt.h"
 #include "service/json_lines.h"
 #include "service/latency_report.h"
+#include "service/outputs.h"
 #include "service/pipeline.h"
 #include "service/progress.h"
 #include "service/results_file.h"
@@ -45,20 +47,6 @@ Config configuration(const ReplayOptions& options) {
   return config;
 }
 
-/// Nothing that is read may be written over.
-void refuse_overwriting(const ReplayOptions& options) {
-  std::vector<std::string> inputs = options.recordings;
-  inputs.push_back(options.sensor);
-  for (const std::string& output : {options.out, options.jsonl})
-    for (const std::string& input : inputs) {
-      std::error_code none;
-      if (!output.empty() && std::filesystem::equivalent(output, input, none))
-        throw UsageError(output + " is an input of this replay, write to another file");
-    }
-  if (!options.out.empty() && options.out == options.jsonl)
-    throw UsageError("--out and --jsonl name the same file " + options.out);
-}
-
 /// Sentences on what the frames and the sensor file say differently about the detector: thresholds
 /// and significances follow the sensor file.
 std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& source,
@@ -71,6 +59,12 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
         fmt::format("{} has {:.4g} e- per ADU, the sensor file {:.4g}: if the sensor "
                     "file is wrong, calibrate again with --e-per-adu",
                     recording, e_per_adu, sensor.detector.e_per_adu));
+  const double wavelength = source.optics().wavelength_m;
+  if (std::abs(wavelength - sensor.optics.wavelength_m) > 1e-3 * wavelength)
+    notes.push_back(
+        fmt::format("{} was taken at {:.5g} nm, the sensor file says {:.5g}: slopes are "
+                    "those of the sensor file",
+                    recording, wavelength * 1e9, sensor.optics.wavelength_m * 1e9));
   FitsSource first({recording});
   FrameBuffer frame(first.format());
   if (first.next(frame) != Delivery::kFrame) return notes;
@@ -89,8 +83,19 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
 }
 
 void replay(const ReplayOptions& options) {
-  refuse_overwriting(options);
-  if (!(options.pace_hz >= 0.0)) throw UsageError("--pace must not be negative");
+  std::vector<std::string> inputs = options.recordings;
+  inputs.push_back(options.sensor);
+  inputs.push_back(options.config);
+  refuse_overwriting(options.out, inputs);
+  refuse_overwriting(options.jsonl, inputs);
+  if (!options.save.empty() && options.out.empty())
+    throw UsageError("--save goes into --out, name a file there");
+  if (!options.out.empty() && !options.jsonl.empty() &&
+      target_of(options.out) == target_of(options.jsonl))
+    throw UsageError("--out and --jsonl name the same file " + options.out);
+  if (options.pace_hz != 0.0 && !(options.pace_hz >= 1e-3 && options.pace_hz <= 1e6))
+    throw UsageError("--pace must be from 0.001 to 1000000 Hz, or 0");
+  const SaveOptions save = save_options_from(options.save);
   const Config config = configuration(options);
   Sensor sensor = read_sensor(options.sensor);
   FitsSource source(options.recordings);
@@ -110,8 +115,8 @@ void replay(const ReplayOptions& options) {
 
   std::unique_ptr<ResultsFile> results;
   if (!options.out.empty())
-    results = std::make_unique<ResultsFile>(options.out, plan, save_options_from(options.save),
-                                            source.frame_count(), config_hash(config));
+    results = std::make_unique<ResultsFile>(options.out, plan, save, source.frame_count(),
+                                            config_hash(config));
   std::unique_ptr<JsonLines> lines;
   if (!options.jsonl.empty()) lines = std::make_unique<JsonLines>(options.jsonl);
   VortexPrinter printer(truth, options.show);
@@ -138,6 +143,11 @@ void replay(const ReplayOptions& options) {
   fmt::print("{} frames, {} vortices ({} beyond the list), {} frames dropped, {:.1f} frames/s\n",
              report.frames, report.vortices, report.overflow, report.dropped,
              static_cast<double>(report.frames) / report.seconds);
+  if (report.not_converged > 0)
+    fmt::print("{} frames whose split did not converge: raise [split] max_iterations\n",
+               report.not_converged);
+  if (interrupted()) fmt::print("interrupted: the files hold the frames so far\n");
+  if (!config.pipeline.cpus.empty()) fmt::print("threads pinned to: {}\n", report.pinning);
   fmt::print("\n{}", latency_table(report));
 }
 

@@ -10,6 +10,8 @@
 #include "acquisition/simulator.h"
 #include "core/error.h"
 #include "service/commands.h"
+#include "service/interrupt.h"
+#include "service/outputs.h"
 #include "service/progress.h"
 #include "service/version.h"
 
@@ -90,6 +92,7 @@ SimulatorOptions simulator_options(const SimulateOptions& options) {
 
 void simulate(const SimulateOptions& options) {
   if (options.simulator.frames < 1) throw UsageError("--frames must be at least 1");
+  refuse_overwriting(options.out, {options.parameters.field_file});
   Simulator simulator(simulator_options(options));
   RecordingWriter recording(options.out, simulator.format(), simulator.optics(),
                             simulator.detector(), kProgram);
@@ -98,7 +101,7 @@ void simulate(const SimulateOptions& options) {
   std::int64_t saturated = 0;
   {
     Progress progress("simulate", options.simulator.frames);
-    while (simulator.next(frame) == Delivery::kFrame) {
+    while (!interrupted() && simulator.next(frame) == Delivery::kFrame) {
       for (const TruthVortex& vortex : simulator.truth(recording.frames())) truth.push_back(vortex);
       recording.append(frame.view(), frame.header);
       saturated += (frame.header.status & kFrameSaturated) != 0 ? 1 : 0;
@@ -109,8 +112,8 @@ void simulate(const SimulateOptions& options) {
   recording.commit();
   const FrameFormat& format = simulator.format();
   fmt::print("{}: {} frames of {} x {} px, {} x {} lenslets, {} true vortices in all\n",
-             options.out, options.simulator.frames, format.cols, format.rows,
-             options.simulator.cols, options.simulator.rows, truth.size());
+             options.out, recording.frames(), format.cols, format.rows, options.simulator.cols,
+             options.simulator.rows, truth.size());
   if (saturated > 0)
     fmt::print("{} frames have saturated pixels: lower --photons or raise --e-per-adu\n",
                saturated);

@@ -18,8 +18,7 @@ struct Range {
   double low;
   double high;
 };
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr Range kAny{0.0, kInfinity};
+constexpr Range kAny{0.0, 1e9};
 constexpr Range kFraction{0.0, 1.0};
 
 /// The one list of all settings: visits (section, key, value, range) of each.
@@ -27,10 +26,10 @@ template <typename ConfigType, typename Visitor>
 void visit_config(ConfigType& config, Visitor&& visit) {
   auto& centroid = config.centroid;
   visit("centroid", "threshold_adu", centroid.threshold_adu, kAny);
-  visit("centroid", "threshold_relative", centroid.threshold_relative, kFraction);
+  visit("centroid", "threshold_relative", centroid.threshold_relative, Range{0.0, 0.99});
   visit("centroid", "threshold_noise", centroid.threshold_noise, kAny);
   visit("centroid", "min_snr", centroid.min_snr, kAny);
-  visit("centroid", "edge_fraction", centroid.edge_fraction, kFraction);
+  visit("centroid", "edge_fraction", centroid.edge_fraction, Range{0.0, 0.25});
   visit("centroid", "max_bad_fraction", centroid.max_bad_fraction, kFraction);
   auto& split = config.split;
   visit("split", "weighted", split.weighted, kAny);
@@ -63,11 +62,13 @@ class TomlReader {
   void refuse_unknown() const {
     for (const auto& [section, node] : table_) {
       const std::string name(section.str());
-      if (sections_.count(name) == 0 || !node.is_table())
+      if (sections_.contains(name) && !node.is_table())
+        throw UsageError(where(section.source()) + name + " must be a section: [" + name + "]");
+      if (!sections_.contains(name))
         throw UsageError(where(section.source()) + "unknown section '" + name +
                          "', known are centroid, split, detect, pipeline");
       for (const auto& [key, value] : *node.as_table())
-        if (known_.count(name + "." + std::string(key.str())) == 0)
+        if (!known_.contains(name + "." + std::string(key.str())))
           throw UsageError(where(key.source()) + "unknown key '" + std::string(key.str()) +
                            "' in [" + name + "]" + keys_of(name));
     }
@@ -117,7 +118,7 @@ class TomlReader {
     value = *node.value<bool>();
   }
   void read(const toml::node& node, const std::string& key, Threading& value, Range) const {
-    if (!node.is_string()) refuse(node, key, "\"inline\" or \"per_stage\"");
+    if (!node.is_string()) refuse(node, key, R"("inline" or "per_stage")");
     value = threading_from(*node.value<std::string>(), where(node.source()) + key);
   }
   void read(const toml::node& node, const std::string& key, std::vector<int>& value,
@@ -147,6 +148,11 @@ class TomlWriter {
   std::string text() const { return text_.str(); }
 
  private:
+  static std::ostringstream full_precision() {
+    std::ostringstream text;
+    text.precision(std::numeric_limits<double>::max_digits10);
+    return text;
+  }
   template <typename Number>
   void write(Number value) {
     text_ << value;
@@ -161,7 +167,7 @@ class TomlWriter {
     text_ << "]";
   }
 
-  std::ostringstream text_{};
+  std::ostringstream text_ = full_precision();
   std::string section_;
 };
 

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "acquisition/partial_path.h"
 #include "core/error.h"
 
 namespace curlew {
@@ -25,14 +26,16 @@ nlohmann::json microseconds(std::int64_t ns) { return static_cast<double>(ns) / 
 JsonLines::JsonLines(const std::string& path) : path_(path) {
   namespace fs = std::filesystem;
   std::error_code none;
-  const bool in_place = fs::exists(path, none) && !fs::is_regular_file(path, none);
-  writing_path_ = in_place ? path : path + ".partial";
-  stream_.open(writing_path_, std::ios::trunc);
+  const std::string target = target_of(path);
+  in_place_ = fs::exists(path, none) && !fs::is_regular_file(target, none);
+  if (!in_place_) path_ = target;
+  writing_path_ = in_place_ ? path : partial_path(target);
+  stream_.open(writing_path_, in_place_ ? std::ios::out : std::ios::trunc);
   check();
 }
 
 JsonLines::~JsonLines() {
-  if (writing_path_ == path_) return;
+  if (in_place_ || writing_path_.empty()) return;
   std::error_code none;
   stream_.close();
   std::filesystem::remove(writing_path_, none);
@@ -60,17 +63,18 @@ void JsonLines::add(const FrameSlot& slot, std::int64_t dropped) {
   latency["publish"] = microseconds(slot.latency.publish_ns);
   latency["total"] = microseconds(slot.latency.total_ns);
   stream_ << line.dump() << '\n';
+  if (in_place_) stream_.flush();  // somebody is following
   check();
 }
 
 void JsonLines::commit() {
   stream_.close();
   check();
-  if (writing_path_ == path_) return;
+  if (in_place_) return;
   std::error_code error;
   std::filesystem::rename(writing_path_, path_, error);
   if (error) throw Failure(path_ + " cannot be written: " + error.message());
-  writing_path_ = path_;
+  writing_path_.clear();
 }
 
 void JsonLines::check() {

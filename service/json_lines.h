@@ -9,8 +9,8 @@
 
 namespace curlew {
 
-/// The format of DESIGN.md. A regular file appears under its name by commit(), until then it is
-/// <path>.partial; a pipe or device is written to as the frames come. Failure names the file.
+/// The format of DESIGN.md. A regular file appears under its name by commit() and not before; a
+/// pipe or device is written to as the frames come. Failure names the file.
 class JsonLines {
  public:
   explicit JsonLines(const std::string& path);
@@ -27,6 +27,7 @@ class JsonLines {
 
   std::string path_;
   std::string writing_path_;  ///< what is really open
+  bool in_place_ = false;     ///< a pipe or a device
   std::ofstream stream_;
 };
 

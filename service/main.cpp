@@ -6,6 +6,7 @@
 
 #include "core/error.h"
 #include "service/commands.h"
+#include "service/interrupt.h"
 #include "service/version.h"
 
 namespace {
@@ -24,9 +25,8 @@ int complain(const std::exception& error, int exit_code) {
   return exit_code;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+/// Runs the command that the arguments name; --help and --version only print.
+int run(int argc, char** argv) {
   CLI::App app{"Curlew: wavefronts and optical vortices from a Shack-Hartmann sensor", "curlew"};
   app.set_version_flag("--version", curlew::kProgram);
   app.require_subcommand(1);
@@ -34,14 +34,27 @@ int main(int argc, char** argv) {
   curlew::add_calibrate(app);
   curlew::add_replay(app);
   curlew::add_bench(app);
+  if (argc > 1 && argv[1][0] != '-' && !is_command(app, argv[1]))
+    throw curlew::UsageError("there is no command '" + std::string(argv[1]) +
+                             "', see curlew --help");
   try {
-    if (argc > 1 && argv[1][0] != '-' && !is_command(app, argv[1]))
-      throw curlew::UsageError("there is no command '" + std::string(argv[1]) +
-                               "', see curlew --help");
+    curlew::catch_signals();
     app.parse(argc, argv);
+    if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0)
+      throw curlew::Failure("standard output cannot be written");
     return 0;
   } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    if (error.get_exit_code() != 0) throw;
+    return app.exit(error);  // --help, --version
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const CLI::ParseError& error) {
     return complain(error, kExitUsage);
   } catch (const curlew::UsageError& error) {
     return complain(error, kExitUsage);

@@ -3,6 +3,7 @@
 #include <pthread.h>
 #include <sched.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <exception>
@@ -10,6 +11,7 @@
 
 #include "core/slot_queue.h"
 #include "core/stage_timer.h"
+#include "service/interrupt.h"
 
 namespace curlew {
 namespace {
@@ -51,13 +53,15 @@ class Pipeline::Feed {
       : source_(source), options_(options), next_(Clock::now()) {}
 
   bool fill(FrameSlot& slot) {
-    if (delivered_ == options_.max_frames) return false;
+    if (delivered_ == options_.max_frames || interrupted()) return false;
     if (source_.next(slot.frame) == Delivery::kEnd) return false;
     if (options_.pace_hz > 0.0) {
       std::this_thread::sleep_until(next_);
-      next_ += std::chrono::duration_cast<Clock::duration>(
-          std::chrono::duration<double>(1.0 / options_.pace_hz));
       slot.frame.header.received = Clock::now();
+      // From now and not from when it was due: after a stall no frames come in a burst.
+      next_ =
+          slot.frame.header.received + std::chrono::duration_cast<Clock::duration>(
+                                           std::chrono::duration<double>(1.0 / options_.pace_hz));
     }
     slot.frame_index = delivered_++;
     slot.latency = {};
@@ -113,19 +117,18 @@ void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
   std::atomic<bool> pinned{true};
   std::atomic<bool> failed{false};
   std::exception_ptr failure;  // of the publisher; read after its thread is joined
-  std::vector<std::thread> threads;
-  for (std::size_t stage = 0; stage < kStageCount; ++stage)
-    threads.emplace_back([&, stage] {
-      if (!pin_thread(options_.cpus, stage)) pinned = false;
-      FrameSlot* slot = nullptr;
-      while (to_stage[stage]->pop(slot)) {
-        run_stage(stage, plan_, *slot);
-        if (stage + 1 == kStageCount) end_of_stages(*slot);
-        to_stage[stage + 1]->push(slot);
-      }
-      to_stage[stage + 1]->close();
-    });
-  threads.emplace_back([&] {
+  const auto work = [&](std::size_t stage) {
+    if (!pin_thread(options_.cpus, stage)) pinned = false;
+    FrameSlot* slot = nullptr;
+    while (to_stage[stage]->pop(slot)) {
+      run_stage(stage, plan_, *slot);
+      if (stage + 1 == kStageCount) end_of_stages(*slot);
+      to_stage[stage + 1]->push(slot);
+    }
+    to_stage[stage + 1]->close();
+  };
+  const auto hand_out = [&] {
+    if (!pin_thread(options_.cpus, kStageCount)) pinned = false;
     FrameSlot* slot = nullptr;
     while (to_stage[kStageCount]->pop(slot)) {
       try {
@@ -136,20 +139,23 @@ void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
       }
       free.push(slot);
     }
-  });
+  };
 
-  std::exception_ptr source_failure;
+  std::exception_ptr feed_failure;  // of the source, or of starting a thread
+  std::vector<std::thread> threads;
   try {
+    for (std::size_t stage = 0; stage < kStageCount; ++stage) threads.emplace_back(work, stage);
+    threads.emplace_back(hand_out);
     FrameSlot* slot = nullptr;
     while (!failed && free.pop(slot) && feed.fill(*slot)) to_stage[0]->push(slot);
   } catch (...) {
-    source_failure = std::current_exception();
+    feed_failure = std::current_exception();
   }
-  to_stage[0]->close();
+  to_stage[0]->close();  // and each stage closes the next
   for (std::thread& thread : threads) thread.join();
   report_.pinning = describe_pinning(options_.cpus, pinned);
   if (failure) std::rethrow_exception(failure);
-  if (source_failure) std::rethrow_exception(source_failure);
+  if (feed_failure) std::rethrow_exception(feed_failure);
 }
 
 void Pipeline::publish(FrameSlot& slot, const Publisher& publisher) {
@@ -160,10 +166,15 @@ void Pipeline::publish(FrameSlot& slot, const Publisher& publisher) {
   ++report_.frames;
   report_.vortices += static_cast<std::int64_t>(slot.vortices.size());
   report_.overflow += slot.vortices.overflow();
-  const std::int64_t sequence = slot.frame.header.sequence;
-  if (last_sequence_ && sequence > *last_sequence_)
-    report_.dropped += sequence - *last_sequence_ - 1;
-  last_sequence_ = sequence;
+  report_.not_converged += slot.split.converged ? 0 : 1;
+  const FrameHeader& header = slot.frame.header;
+  if (last_sequence_ && !header.renumbered && header.sequence > *last_sequence_) {
+    // Unsigned, because a file may hold any numbers; and no camera loses 2^40 frames.
+    const std::uint64_t gap = static_cast<std::uint64_t>(header.sequence) -
+                              static_cast<std::uint64_t>(*last_sequence_) - 1;
+    report_.dropped += static_cast<std::int64_t>(std::min(gap, std::uint64_t{1} << 40));
+  }
+  last_sequence_ = header.sequence;
   for (std::size_t stage = 0; stage < kStageCount; ++stage)
     report_.stage[stage].record(slot.latency.stage_ns[stage]);
   report_.publish.record(slot.latency.publish_ns);

@@ -18,8 +18,9 @@ namespace curlew {
 struct RunReport {
   std::int64_t frames = 0;
   std::int64_t vortices = 0;
-  std::int64_t overflow = 0;  ///< vortices beyond the list's capacity
-  std::int64_t dropped = 0;   ///< frames the source's numbering says were lost before us
+  std::int64_t overflow = 0;       ///< vortices beyond the list's capacity
+  std::int64_t dropped = 0;        ///< frames the source's numbering says were lost before us
+  std::int64_t not_converged = 0;  ///< frames whose split stopped at its iteration limit
   std::array<LatencyHistogram, kStageCount> stage;
   LatencyHistogram publish;
   LatencyHistogram total;

@@ -4,10 +4,10 @@
 
 #include <algorithm>
 #include <array>
-#include <limits>
 #include <vector>
 
 #include "core/error.h"
+#include "service/interrupt.h"
 #include "service/progress.h"
 
 namespace curlew {
@@ -24,15 +24,6 @@ struct Sums {
   std::array<int, kStates> states{};
 };
 
-void take_out(Sensor& sensor, std::size_t k) {
-  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-  sensor.valid[k] = 0;
-  sensor.window[k] = {};
-  for (Image<float>* map :
-       {&sensor.ref_x_px, &sensor.ref_y_px, &sensor.gain_x, &sensor.gain_y, &sensor.flux_adu})
-    (*map)[k] = kNan;
-}
-
 }  // namespace
 
 ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptions& options,
@@ -43,7 +34,7 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
   std::vector<Sums> sums(sensor.valid.size());
   int frames = 0;
   Progress progress("calibrate", source.frame_count());
-  while (source.next(frame) == Delivery::kFrame) {
+  while (!interrupted() && source.next(frame) == Delivery::kFrame) {
     find_centroids(plan, frame.view(), centroids);
     ++frames;
     progress.step();
@@ -56,6 +47,7 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
     }
   }
 
+  if (interrupted()) throw Failure("interrupted, no sensor file was written");
   ReferenceReport report;
   std::array<int, kStates> reasons{};
   int left = 0;
@@ -69,10 +61,11 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
       sensor.flux_adu[k] = static_cast<float>(sums[k].flux / n);
       continue;
     }
-    const auto worst = std::max_element(sums[k].states.begin() + 1, sums[k].states.end());
-    ++reasons[static_cast<std::size_t>(worst - sums[k].states.begin())];
+    const auto& states = sums[k].states;
+    const auto worst = std::max_element(states.begin() + 1, states.end()) - states.begin();
+    ++reasons[static_cast<std::size_t>(worst)];
     ++report.dropped;
-    take_out(sensor, k);
+    drop_lenslet(sensor, k);
   }
   for (std::size_t i = 1; i < kStates; ++i)
     if (reasons[i] > 0)

@@ -168,16 +168,25 @@ Sensor read_sensor(const std::string& path) {
   optional_image("BADPIX", sensor.bad_pixel);
 
   for (std::size_t k = 0; k < n; ++k) {
+    if (sensor.valid[k] == 0) {
+      drop_lenslet(sensor, k);
+      continue;
+    }
+    sensor.valid[k] = 1;
     const Window& w = sensor.window[k];
-    if (sensor.valid[k] == 0) continue;
     if (w.w < 1 || w.h < 1 || w.x0 < 0 || w.y0 < 0 || w.x0 > sensor.frame_cols - w.w ||
         w.y0 > sensor.frame_rows - w.h)
       throw Failure(path + ": the window of lenslet " + std::to_string(k) +
                     " lies outside the detector, calibrate again");
-    if (!std::isfinite(sensor.ref_x_px[k]) || !std::isfinite(sensor.ref_y_px[k]) ||
-        !(sensor.gain_x[k] > 0.0F) || !(sensor.gain_y[k] > 0.0F))
+    const auto within = [](float reference, int start, int length) {
+      return reference >= static_cast<float>(start) - 1.0F &&
+             reference <= static_cast<float>(start + length);
+    };
+    const auto is_gain = [](float gain) { return gain >= 0.01F && gain <= 100.0F; };
+    if (!within(sensor.ref_x_px[k], w.x0, w.w) || !within(sensor.ref_y_px[k], w.y0, w.h) ||
+        !is_gain(sensor.gain_x[k]) || !is_gain(sensor.gain_y[k]))
       throw Failure(path + ": lenslet " + std::to_string(k) +
-                    " is valid but has no reference or gain, calibrate again");
+                    " is valid but its reference or gain makes no sense, calibrate again");
   }
   return sensor;
 }

@@ -1,5 +1,7 @@
 #include "service/stages.h"
 
+#include <algorithm>
+
 #include "detect/circulation.h"
 
 namespace curlew {
@@ -37,7 +39,8 @@ Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config
     : grid(sensor.grid),
       centroid(sensor, format, config.centroid),
       slopes(sensor),
-      detect(config.detect, sensor.valid, config.pipeline.max_vortices),
+      detect(config.detect, sensor.valid,
+             std::min(config.pipeline.max_vortices, sensor.valid.size())),
       split(sensor.valid, config.split) {}
 
 FrameSlot::FrameSlot(const Plan& plan, const FrameFormat& format)

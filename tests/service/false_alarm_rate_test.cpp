@@ -73,14 +73,21 @@ TEST_P(FalseAlarmRate, IsTheStatedOne) {
     std::printf("window %d px, %.0f photons: asked %.2f a frame, had %.4f, ratio %.3f +- %.3f\n",
                 window_px, photons, kRates[i], static_cast<double>(alarms[i]) / frames, ratio,
                 1.0 / std::sqrt(asked));
-    // ±20 % is the promise; three standard deviations of the count are the trial's own scatter.
-    EXPECT_NEAR(ratio, 1.0, 0.20 + 3.0 / std::sqrt(asked));
+    // ±20 % is the promise, and 25,000 frames can tell at all three rates. A shorter trial also
+    // has the scatter of its own count.
+    const bool can_tell = asked >= 250.0;
+    EXPECT_NEAR(ratio, 1.0, 0.20 + (can_tell ? 0.0 : 3.0 / std::sqrt(asked)));
   }
 }
 
 INSTANTIATE_TEST_SUITE_P(Photons, FalseAlarmRate,
                          ::testing::Values(Optical{6, 200.0}, Optical{6, 1000.0}, Optical{8, 200.0},
-                                           Optical{8, 1000.0}));
+                                           Optical{8, 1000.0}),
+                         [](const auto& optical) {
+                           return std::to_string(optical.param.window_px) + "px" +
+                                  std::to_string(static_cast<int>(optical.param.photons)) +
+                                  "photons";
+                         });
 
 }  // namespace
 }  // namespace curlew

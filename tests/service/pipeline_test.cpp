@@ -168,7 +168,11 @@ TEST_P(PipelineModes, PaceIsKept) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Modes, PipelineModes,
-                         ::testing::Values(Threading::kInline, Threading::kPerStage));
+                         ::testing::Values(Threading::kInline, Threading::kPerStage),
+                         [](const auto& mode) {
+                           return std::string(mode.param == Threading::kInline ? "inline"
+                                                                               : "per_stage");
+                         });
 
 }  // namespace
 }  // namespace curlew

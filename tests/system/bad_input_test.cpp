@@ -115,6 +115,8 @@ TEST_F(BadInput, Configuration) {
   expect_refused("replay ref.fits --sensor sensor.fits --threads many", 2, {"--threads", "many"});
   expect_refused("replay ref.fits --sensor sensor.fits --pace -5", 2, {"--pace"});
   expect_refused("replay ref.fits --sensor sensor.fits --save slope --out new.fits", 2, {"slope"});
+  expect_refused("replay ref.fits --sensor sensor.fits --save slopes", 2, {"--out"});
+  expect_refused("replay ref.fits --sensor sensor.fits --out a --jsonl a", 2, {"same file a"});
 }
 
 TEST_F(BadInput, Usage) {
@@ -134,6 +136,57 @@ TEST_F(BadInput, InputsAreNotWrittenOver) {
   expect_refused("replay ref.fits --sensor sensor.fits --out ref.fits", 2, {"ref.fits"});
   expect_refused("replay ref.fits --sensor sensor.fits --jsonl sensor.fits", 2, {"sensor.fits"});
   expect_refused("calibrate ref.fits --out ref.fits", 2, {"ref.fits"});
+  expect_refused("calibrate ref.fits --out ./ref.fits", 2, {"ref.fits"});
+  expect_refused("simulate --preset field --field ref.fits --out ref.fits", 2, {"ref.fits"});
+  write_bytes(scratch_ / "c.toml", "");
+  expect_refused("replay ref.fits --sensor sensor.fits --config c.toml --jsonl c.toml", 2,
+                 {"c.toml"});
+  expect_refused("calibrate ref.fits --config c.toml --out c.toml", 2, {"c.toml"});
+  expect_refused("replay ref.fits --sensor sensor.fits --out a --jsonl ./a", 2, {"same file"});
+  // A file that has the name of another's unfinished output is an input like any other.
+  std::filesystem::rename(scratch_ / "ref.fits", scratch_ / "new.fits.partial");
+  const std::string before = read_bytes(scratch_ / "new.fits.partial");
+  EXPECT_EQ(
+      run_curlew(scratch_, "replay new.fits.partial --sensor sensor.fits --out new.fits").exit_code,
+      0);
+  EXPECT_EQ(read_bytes(scratch_ / "new.fits.partial"), before);
+}
+
+TEST_F(BadInput, LinksAreFollowedAndNotReplaced) {
+  std::filesystem::create_directory(scratch_ / "folder");
+  for (const char* name : {"new.fits", "new.jsonl"}) {
+    write_bytes(scratch_ / (std::string("folder/") + name), "old");
+    std::filesystem::create_symlink(scratch_ / (std::string("folder/") + name), scratch_ / name);
+  }
+  const ProgramRun run =
+      run_curlew(scratch_, "replay ref.fits --sensor sensor.fits --out new.fits --jsonl new.jsonl");
+  EXPECT_EQ(run.exit_code, 0) << run.err;
+  for (const char* name : {"new.fits", "new.jsonl"}) {
+    EXPECT_TRUE(std::filesystem::is_symlink(scratch_ / name));
+    EXPECT_GT(std::filesystem::file_size(scratch_ / (std::string("folder/") + name)), 100U);
+  }
+  const ProgramRun piped =
+      run_curlew(scratch_, "replay ref.fits --sensor sensor.fits --jsonl /dev/stdout");
+  EXPECT_EQ(piped.exit_code, 0) << piped.err;
+  EXPECT_NE(piped.out.find("{\"frame\":4,"), std::string::npos);
+}
+
+TEST_F(BadInput, OutputThatNobodyTakes) {
+  const std::string line = "cd '" + scratch_.path() + "' && '" + CURLEW_PROGRAM +
+                           "' replay ref.fits --sensor sensor.fits >/dev/full 2>err";
+  EXPECT_EQ(WEXITSTATUS(std::system(line.c_str())), 1);
+  EXPECT_NE(read_bytes(scratch_ / "err").find("standard output"), std::string::npos);
+}
+
+TEST_F(BadInput, NonsenseInHeaders) {
+  // One digit of a card changed: what was 1 electron an ADU is none.
+  std::string bytes = read_bytes(scratch_ / "sensor.fits");
+  const std::size_t card = bytes.find("EPERADU =");
+  ASSERT_NE(card, std::string::npos);
+  bytes[bytes.find("1.", card)] = '0';
+  write_bytes(scratch_ / "wrong.fits", bytes);
+  expect_refused("replay ref.fits --sensor wrong.fits --out new.fits", 1,
+                 {"wrong.fits", "EPERADU"});
 }
 
 TEST_F(BadInput, NoLightAndAllSaturated) {

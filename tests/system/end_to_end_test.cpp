@@ -112,6 +112,7 @@ TEST_F(EndToEnd, FramesCountOnOverAllRecordings) {
   run(beam + "--vortex 8.7,8.2,-1 --out two.fits");
   run("replay one.fits two.fits --sensor sensor.fits --out all.fits --false-alarms 1e-5");
   EXPECT_NE(last_.out.find("against the truth: 6 of 6 found"), std::string::npos) << last_.out;
+  EXPECT_NE(last_.out.find("0 frames dropped"), std::string::npos) << last_.out;
   EXPECT_EQ(column_values(scratch_ / "all.fits", "FRAMES", "FRAME"),
             (std::vector<double>{0, 1, 2, 3, 4, 5}));
   EXPECT_EQ(column_values(scratch_ / "all.fits", "VORTICES", "CHARGE"),
@@ -142,6 +143,20 @@ TEST_F(EndToEnd, AstropyReadsEveryFileAndItsRecordingReplays) {
   for (const char* column : {"FRAME", "X", "Y", "CHARGE", "CIRCULATION"})
     EXPECT_EQ(column_values(scratch_ / "ours.fits", "VORTICES", column),
               column_values(scratch_ / "theirs_results.fits", "VORTICES", column));
+}
+
+TEST_F(EndToEnd, AnInterruptedReplayKeepsItsFrames) {
+  make_sensor();
+  run("simulate --preset plane " + sensor_ + "--photons 2000 --frames 400 --out long.fits");
+  const ProgramRun replay =
+      run_curlew(scratch_, "replay long.fits --sensor sensor.fits --pace 100 --out part.fits",
+                 "timeout --foreground -s INT 1");
+  EXPECT_NE(replay.out.find("interrupted"), std::string::npos) << replay.out << replay.err;
+  const auto frames = column_values(scratch_ / "part.fits", "FRAMES", "FRAME").size();
+  EXPECT_GT(frames, 0U);
+  EXPECT_LT(frames, 400U);
+  for (const std::string& name : scratch_.names())
+    EXPECT_EQ(name.find("partial"), std::string::npos) << name;
 }
 
 TEST_F(EndToEnd, HelpAndVersion) {
