@@ -5,26 +5,18 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <numbers>
-#include <sstream>
 #include <utility>
 
 #include "centroiding/lenslet_grid_finder.h"
+#include "centroiding/sentence.h"
 #include "centroiding/spot_picture.h"
+#include "centroiding/window_gain.h"
 #include "core/error.h"
 
 namespace curlew {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-
-template <typename... Parts>
-std::string say(const Parts&... parts) {
-  std::ostringstream text;
-  text.precision(4);
-  (text << ... << parts);
-  return text.str();
-}
 
 template <typename T>
 void check_size(const Image<T>& map, const Image<float>& reference, const char* name) {
@@ -72,7 +64,7 @@ void complete_detector(Detector& detector, const CalibrationInput& input, double
                        std::vector<std::string>& notes) {
   if (std::isnan(detector.e_per_adu)) {
     detector.e_per_adu = 1.0;
-    notes.push_back(
+    notes.emplace_back(
         "e- per ADU was not given and is taken as 1: variances from photon noise are a guess "
         "(--e-per-adu)");
   }
@@ -169,65 +161,6 @@ void part_neighbours(Image<Window>& windows) {
   }
 }
 
-/// One window's moments and gain.
-struct WindowMeasurement {
-  double flux = 0.0;
-  double x = 0.0;
-  double y = 0.0;
-  double gain_x = 1.0;
-  double gain_y = 1.0;
-  double gain_sigma = 0.0;  // of the larger axis, from the noise of the reference
-};
-
-/// light: the corrected reference less background, bad pixels filled in.
-WindowMeasurement measure_window(const Image<float>& light, const Image<std::uint8_t>& bad,
-                                 const Window& w, double least_threshold, double relative,
-                                 double noise_adu) {
-  double peak = 0.0;
-  for (int r = w.y0; r < w.y0 + w.h; ++r) {
-    for (int c = w.x0; c < w.x0 + w.w; ++c) {
-      if (bad.empty() || bad(r, c) == 0) peak = std::max(peak, static_cast<double>(light(r, c)));
-    }
-  }
-  const double threshold = std::max(least_threshold, relative * peak);
-  const auto signal = [&](int r, int c) {
-    const float value =
-        light(std::clamp(r, 0, light.rows() - 1), std::clamp(c, 0, light.cols() - 1));
-    return std::max(static_cast<double>(value) - threshold, 0.0);
-  };
-  const auto for_each_pixel = [&](auto visit) {
-    for (int r = w.y0; r < w.y0 + w.h; ++r) {
-      for (int c = w.x0; c < w.x0 + w.w; ++c) {
-        if (bad.empty() || bad(r, c) == 0) visit(r, c);
-      }
-    }
-  };
-  WindowMeasurement m;
-  for_each_pixel([&](int r, int c) {
-    const double f = signal(r, c);
-    m.flux += f;
-    m.x += f * c;
-    m.y += f * r;
-  });
-  if (m.flux <= 0.0) return m;
-  m.x /= m.flux;
-  m.y /= m.flux;
-  double moved_x = 0.0;
-  double moved_y = 0.0;
-  double lever_x = 0.0;
-  double lever_y = 0.0;
-  for_each_pixel([&](int r, int c) {
-    lever_x += (c - m.x) * (c - m.x);
-    lever_y += (r - m.y) * (r - m.y);
-    moved_x -= (c - m.x) * 0.5 * (signal(r, c + 1) - signal(r, c - 1));
-    moved_y -= (r - m.y) * 0.5 * (signal(r + 1, c) - signal(r - 1, c));
-  });
-  m.gain_x = moved_x / m.flux;
-  m.gain_y = moved_y / m.flux;
-  m.gain_sigma = noise_adu * std::sqrt(0.5 * std::max(lever_x, lever_y)) / m.flux;
-  return m;
-}
-
 void drop(Sensor& sensor, std::size_t k) {
   sensor.valid[k] = 0;
   sensor.window[k] = {};
@@ -237,20 +170,18 @@ void drop(Sensor& sensor, std::size_t k) {
   }
 }
 
-/// Gains of every window. One that the reference's noise leaves uncertain takes the median of the
-/// others; one well below it belongs to a smear or to a spot that the rim cuts. Below
+/// A gain well below the others' belongs to a smear or to a spot that the rim cuts. Below
 /// kLeastGain most of a displacement is lost, and dividing would multiply noise.
 void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
-               std::vector<std::string>& notes) {
+               const std::vector<WindowGain>& gains, std::vector<std::string>& notes) {
   constexpr double kLeastGain = 0.3;
   constexpr double kMostGain = 1.2;
-  constexpr double kMostSigma = 0.1;
   constexpr double kLeastOfTypical = 0.7;
   std::vector<float> sure;
   for (std::size_t k = 0; k < measured.size(); ++k) {
-    if (sensor.valid[k] == 0 || measured[k].gain_sigma > kMostSigma) continue;
-    sure.push_back(static_cast<float>(measured[k].gain_x));
-    sure.push_back(static_cast<float>(measured[k].gain_y));
+    if (sensor.valid[k] == 0 || !measured[k].gain_is_sure) continue;
+    sure.push_back(static_cast<float>(measured[k].gain.x));
+    sure.push_back(static_cast<float>(measured[k].gain.y));
   }
   const double typical = sure.empty() ? 1.0 : quantile(std::move(sure), 0.5);
   int n_held = 0;
@@ -259,19 +190,17 @@ void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
   for (std::size_t k = 0; k < measured.size(); ++k) {
     if (sensor.valid[k] == 0) continue;
     const WindowMeasurement& m = measured[k];
-    const bool unsure = m.gain_sigma > kMostSigma;
-    if (!unsure && std::min(m.gain_x, m.gain_y) < kLeastOfTypical * typical) {
+    if (m.gain_is_sure && std::min(m.gain.x, m.gain.y) < kLeastOfTypical * typical) {
       drop(sensor, k);
       ++n_smeared;
       continue;
     }
-    const auto held = [&](double gain) {
-      return std::clamp(unsure ? typical : gain, kLeastGain, kMostGain);
-    };
-    sensor.gain_x[k] = static_cast<float>(held(m.gain_x));
-    sensor.gain_y[k] = static_cast<float>(held(m.gain_y));
-    n_unsure += unsure ? 1 : 0;
-    n_held += !unsure && (held(m.gain_x) != m.gain_x || held(m.gain_y) != m.gain_y) ? 1 : 0;
+    const double x = std::clamp(gains[k].x, kLeastGain, kMostGain);
+    const double y = std::clamp(gains[k].y, kLeastGain, kMostGain);
+    sensor.gain_x[k] = static_cast<float>(x);
+    sensor.gain_y[k] = static_cast<float>(y);
+    n_held += x != gains[k].x || y != gains[k].y ? 1 : 0;
+    n_unsure += m.gain_is_sure ? 0 : 1;
   }
   if (n_smeared > 0) {
     notes.push_back(
@@ -283,8 +212,8 @@ void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
                         " to ", kMostGain, ": their light reaches the window's edge"));
   }
   if (n_unsure > 0) {
-    notes.push_back(say("the window gain of ", n_unsure, " faint lenslets was taken as ", typical,
-                        ", that of the others: average more reference frames"));
+    notes.push_back(say("the window gain of ", n_unsure, " faint lenslets is that of a modelled ",
+                        "spot: average more reference frames"));
   }
 }
 
@@ -310,29 +239,31 @@ void measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>& l
   part_neighbours(sensor.window);
 
   const double noise_adu = sensor.detector.read_noise_e / sensor.detector.e_per_adu;
-  const double threshold = std::max(options.threshold_adu, options.threshold_noise * noise_adu);
+  const SignalThreshold threshold{
+      std::max(options.threshold_adu, options.threshold_noise * noise_adu),
+      options.threshold_relative};
   std::vector<WindowMeasurement> measured(found.lit.size());
   int n_dropped = 0;
   for (std::size_t k = 0; k < found.lit.size(); ++k) {
     if (found.lit[k] == 0) continue;
     if (sensor.window[k].w > 0) {
-      measured[k] = measure_window(light, sensor.bad_pixel, sensor.window[k], threshold,
-                                   options.threshold_relative, reference_noise_adu);
+      measured[k] =
+          measure_window(light, sensor.bad_pixel, sensor.window[k], threshold, reference_noise_adu);
     }
-    if (measured[k].flux <= 0.0) {
+    if (measured[k].flux_adu <= 0.0) {
       drop(sensor, k);
       ++n_dropped;
       continue;
     }
-    sensor.ref_x_px[k] = static_cast<float>(measured[k].x);
-    sensor.ref_y_px[k] = static_cast<float>(measured[k].y);
-    sensor.flux_adu[k] = static_cast<float>(measured[k].flux);
+    sensor.ref_x_px[k] = static_cast<float>(measured[k].x_px);
+    sensor.ref_y_px[k] = static_cast<float>(measured[k].y_px);
+    sensor.flux_adu[k] = static_cast<float>(measured[k].flux_adu);
   }
   if (n_dropped > 0) {
     notes.push_back(say(n_dropped, " spots at the rim were left out: less than half of the window ",
                         "is on the detector, or nothing in it exceeds the threshold"));
   }
-  set_gains(sensor, measured, notes);
+  set_gains(sensor, measured, find_window_gains(sensor, measured, threshold), notes);
 }
 
 }  // namespace
@@ -360,7 +291,6 @@ Calibration calibrate_sensor(const CalibrationInput& input) {
   const FoundGrid found = find_lenslet_grid(corrected, sensor.bad_pixel, input.optics.mirrored);
   sensor.grid = found.grid;
   sensor.residual_px = found.residual_px;
-  calibration.anisotropy = found.anisotropy;
   if (input.dark_adu.empty()) {
     sensor.background_adu = found.background_adu;
     calibration.notes.push_back(say("no dark was given: a background of ", found.background_adu,

@@ -30,7 +30,6 @@ struct CalibrationInput {
 
 struct Calibration {
   Sensor sensor;
-  double anisotropy = 0.0;         ///< of the grid: longest over shortest pitch, less 1
   std::vector<std::string> notes;  ///< a sentence each: what was not given and how it was found
 };
 
@@ -38,12 +37,10 @@ struct Calibration {
 /// (narrower where the grid is rotated), centred on the spot's nearest pixel, clipped at the rim
 /// and kept if half is left; neighbours share a column or row of pixels at most.
 ///
-/// Window gain, per axis, measured on the reference's signal f = max(I − background − T, 0):
-///   gain = −Σ (x_i − x̄)·½(f_{i+1} − f_{i−1}) / Σ f,
-/// how the centre of gravity follows light that moves ±1 px under the window. Summed by parts
-/// it is 1 − (light on the window's edges, times lever arm) / Σ f, the discrete form of
-/// 1 − 2W·S(W)/∫S for a window ±W; a pedestal has gain 0. Held within [0.3, 1.2]. A lenslet with
-/// less than 0.7 of the median gain is left out: a smear, or a spot that the rim cuts.
+/// Window gains are measured on the reference's signal max(I − background − T, 0) and corrected for
+/// what coarse pixels do to that measurement on a spot modelled from the optics (window_gain.h);
+/// where the optics are unknown the model is a Gaussian. Held within [0.3, 1.2]. A lenslet with
+/// less than 0.7 of the median measured gain is left out: a smear, or a spot that the rim cuts.
 ///
 /// References are centres of gravity over the windows, a first estimate: the caller measures them
 /// again with the pipeline's own kernel. What is unknown stays NaN, except e⁻ per ADU (1) and read

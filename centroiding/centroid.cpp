@@ -59,8 +59,7 @@ constexpr float kWidening = 4.0F;
 #endif  // CURLEW_CENTROID_ONCE
 
 HWY_BEFORE_NAMESPACE();
-namespace curlew {
-namespace HWY_NAMESPACE {
+namespace curlew::HWY_NAMESPACE {
 namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
@@ -346,8 +345,7 @@ void measure(const CentroidPlan& plan, FrameView frame, int first, int last, Cen
 }
 
 }  // namespace
-}  // namespace HWY_NAMESPACE
-}  // namespace curlew
+}  // namespace curlew::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE

@@ -4,22 +4,14 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <sstream>
-#include <string>
 
+#include "centroiding/sentence.h"
 #include "core/error.h"
 
 namespace curlew {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-
-template <typename... Parts>
-std::string say(const Parts&... parts) {
-  std::ostringstream text;
-  (text << ... << parts);
-  return text.str();
-}
 
 /// Calls visit(value) for the neighbours of a pixel that are on the frame.
 template <typename Visit>
@@ -155,19 +147,18 @@ SpotPicture clean_spot_picture(const Image<float>& reference_adu,
 Image<float> smooth_gaussian(const Image<float>& in, double sigma_px) {
   const int reach = static_cast<int>(std::ceil(3.0 * sigma_px));
   std::vector<float> kernel(static_cast<std::size_t>(2 * reach + 1));
+  float* const weight = kernel.data() + reach;  // from weight[-reach] to weight[reach]
   for (int i = -reach; i <= reach; ++i) {
-    kernel[static_cast<std::size_t>(i + reach)] =
-        static_cast<float>(std::exp(-0.5 * (i / sigma_px) * (i / sigma_px)));
+    weight[i] = static_cast<float>(std::exp(-0.5 * (i / sigma_px) * (i / sigma_px)));
   }
-  const auto weight = [&](int i) { return kernel[static_cast<std::size_t>(i + reach)]; };
   Image<float> along_rows(in.rows(), in.cols());
   for (int r = 0; r < in.rows(); ++r) {
     for (int c = 0; c < in.cols(); ++c) {
       float sum = 0.0F;
       float norm = 0.0F;
       for (int i = std::max(-reach, -c); i <= std::min(reach, in.cols() - 1 - c); ++i) {
-        sum += weight(i) * in(r, c + i);
-        norm += weight(i);
+        sum += weight[i] * in(r, c + i);
+        norm += weight[i];
       }
       along_rows(r, c) = sum / norm;
     }
@@ -177,9 +168,9 @@ Image<float> smooth_gaussian(const Image<float>& in, double sigma_px) {
     const int first = std::max(-reach, -r);
     const int last = std::min(reach, in.rows() - 1 - r);
     float norm = 0.0F;
-    for (int i = first; i <= last; ++i) norm += weight(i);
+    for (int i = first; i <= last; ++i) norm += weight[i];
     for (int i = first; i <= last; ++i) {
-      const float w = weight(i) / norm;
+      const float w = weight[i] / norm;
       for (int c = 0; c < in.cols(); ++c) out(r, c) += w * along_rows(r + i, c);
     }
   }
