@@ -28,9 +28,8 @@ struct BenchOptions {
 std::vector<BenchCase> cases(const BenchOptions& options) {
   if (options.rows == 0 && options.cols == 0 && options.window_px == 0)
     return {kBenchCases.begin(), kBenchCases.end()};
-  if (options.rows < 2 || options.cols < 2 || options.window_px < 2 || options.rows > 1000 ||
-      options.cols > 1000 || options.window_px > 1000)
-    throw UsageError("give --rows, --cols and --window together, each from 2 to 1000");
+  if (options.rows == 0 || options.cols == 0 || options.window_px == 0)
+    throw UsageError("give --rows, --cols and --window together");
   return {BenchCase{options.rows, options.cols, options.window_px}};
 }
 
@@ -123,9 +122,10 @@ void add_bench(CLI::App& app) {
   bench->require_subcommand(1);
   CLI::App* latency = bench->add_subcommand(
       "latency", "Latency of every stage; without sizes: 40x40 of 6 px, 80x80 of 10, 30x30 of 32");
-  latency->add_option("--rows", options->rows, "lenslet rows");
-  latency->add_option("--cols", options->cols, "lenslet columns");
-  latency->add_option("--window", options->window_px, "pixels per lenslet side");
+  latency->add_option("--rows", options->rows, "lenslet rows")->check(CLI::Range(2, 1000));
+  latency->add_option("--cols", options->cols, "lenslet columns")->check(CLI::Range(2, 1000));
+  latency->add_option("--window", options->window_px, "pixels per lenslet side")
+      ->check(CLI::Range(2, 1000));
   latency->add_option("--frames", options->frames, "frames a case")->capture_default_str();
   latency->add_option("--threads", options->threads, "inline or per_stage")->capture_default_str();
   latency->add_option("--cpus", options->cpus, "pin threads to these CPUs, in turn")

@@ -140,9 +140,10 @@ void replay(const ReplayOptions& options) {
   if (lines) lines->commit();
 
   printer.summarize();
-  fmt::print("{} frames, {} vortices ({} beyond the list), {} frames dropped, {:.1f} frames/s\n",
-             report.frames, report.vortices, report.overflow, report.dropped,
-             static_cast<double>(report.frames) / report.seconds);
+  fmt::print("{} frames, {} vortices, {} frames dropped, {:.1f} frames/s\n", report.frames,
+             report.vortices, report.dropped, static_cast<double>(report.frames) / report.seconds);
+  if (report.overflow > 0)
+    fmt::print("{} more vortices did not fit: raise [pipeline] max_vortices\n", report.overflow);
   if (report.not_converged > 0)
     fmt::print("{} frames whose split did not converge: raise [split] max_iterations\n",
                report.not_converged);
