@@ -62,8 +62,7 @@ class TomlReader {
   void refuse_unknown() const {
     for (const auto& [section, node] : table_) {
       const std::string name(section.str());
-      if (sections_.contains(name) && !node.is_table())
-        throw UsageError(where(section.source()) + name + " must be a section: [" + name + "]");
+      if (sections_.contains(name) && !node.is_table()) refuse(node, name, "a section");
       if (!sections_.contains(name))
         throw UsageError(where(section.source()) + "unknown section '" + name +
                          "', known are centroid, split, detect, pipeline");
