@@ -82,15 +82,16 @@ RunReport measure(const BenchCase& which, const BenchOptions& options) {
 }
 
 void bench_latency(const BenchOptions& options) {
+  if (options.frames < 1) throw UsageError("--frames must be at least 1");
+  const std::vector<BenchCase> all = cases(options);
 #ifndef NDEBUG
   throw Failure("a debug build's times mean nothing, build with './dev build'");
 #endif
-  if (options.frames < 1) throw UsageError("--frames must be at least 1");
   nlohmann::ordered_json json = machine_json();
   json["threads"] = options.threads;
   json["frames"] = options.frames;
   std::string text;
-  for (const BenchCase& which : cases(options)) {
+  for (const BenchCase& which : all) {
     const RunReport report = measure(which, options);
     json["pinning"] = report.pinning;
     nlohmann::ordered_json entry;
