@@ -18,21 +18,21 @@ struct Range {
   double low;
   double high;
 };
-constexpr Range kAny{0.0, 1e9};
+constexpr Range kNotNegative{0.0, 1e9};
 constexpr Range kFraction{0.0, 1.0};
 
 /// The one list of all settings: visits (section, key, value, range) of each.
 template <typename ConfigType, typename Visitor>
 void visit_config(ConfigType& config, Visitor&& visit) {
   auto& centroid = config.centroid;
-  visit("centroid", "threshold_adu", centroid.threshold_adu, kAny);
+  visit("centroid", "threshold_adu", centroid.threshold_adu, kNotNegative);
   visit("centroid", "threshold_relative", centroid.threshold_relative, Range{0.0, 0.99});
-  visit("centroid", "threshold_noise", centroid.threshold_noise, kAny);
-  visit("centroid", "min_snr", centroid.min_snr, kAny);
+  visit("centroid", "threshold_noise", centroid.threshold_noise, kNotNegative);
+  visit("centroid", "min_snr", centroid.min_snr, kNotNegative);
   visit("centroid", "edge_fraction", centroid.edge_fraction, Range{0.0, 0.25});
   visit("centroid", "max_bad_fraction", centroid.max_bad_fraction, kFraction);
   auto& split = config.split;
-  visit("split", "weighted", split.weighted, kAny);
+  visit("split", "weighted", split.weighted, kNotNegative);
   visit("split", "tolerance", split.tolerance, Range{1e-7, 0.1});
   visit("split", "max_iterations", split.max_iterations, Range{1, 100000});
   auto& detect = config.detect;
@@ -40,7 +40,7 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("detect", "min_circulation_rad", detect.min_circulation_rad, Range{1e-6, 100});
   visit("detect", "lobe_fraction", detect.lobe_fraction, Range{0.0, 0.99});
   auto& pipeline = config.pipeline;
-  visit("pipeline", "threads", pipeline.threads, kAny);
+  visit("pipeline", "threads", pipeline.threads, kNotNegative);
   visit("pipeline", "slots", pipeline.slots, Range{2, 4096});
   visit("pipeline", "max_vortices", pipeline.max_vortices, Range{1, 1e6});
   visit("pipeline", "cpus", pipeline.cpus, Range{0, 1023});

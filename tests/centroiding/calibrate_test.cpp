@@ -42,13 +42,7 @@ double centre_x(const Image<float>& image, const Window& w, double background) {
 }
 
 TEST(Calibrate, LaysAWindowOfOnePitchRoundEverySpot) {
-  DrawnSpots drawn;  // 40×40 lenslets of 6×6 px
-  drawn.frame_rows = 240;
-  drawn.frame_cols = 240;
-  drawn.pitch_px = 6.0;
-  drawn.centre_x_px = 122.5;
-  drawn.centre_y_px = 122.5;
-  drawn.sigma_px = 1.0;
+  DrawnSpots drawn = drawn_without_gaps();
   CalibrationInput input;
   input.reference_adu = drawn.draw();
   const Sensor sensor = calibrate_sensor(input).sensor;

@@ -85,4 +85,16 @@ struct DrawnSpots {
   }
 };
 
+/// 40×40 lenslets of 6×6 px that fill the frame, windows without gaps: PEERS.md (a).
+inline DrawnSpots drawn_without_gaps() {
+  DrawnSpots drawn;
+  drawn.frame_rows = 240;
+  drawn.frame_cols = 240;
+  drawn.pitch_px = 6.0;
+  drawn.centre_x_px = 122.5;
+  drawn.centre_y_px = 122.5;
+  drawn.sigma_px = 1.0;
+  return drawn;
+}
+
 }  // namespace curlew

@@ -127,13 +127,7 @@ TEST(LensletGridFinder, FindsGridsThatFillTheFrame) {
 }
 
 TEST(LensletGridFinder, FindsWindowsWithoutGapsOnAnAlignedDetector) {
-  DrawnSpots drawn;  // 40×40 lenslets of 6×6 px, as PEERS.md (a)
-  drawn.frame_rows = 240;
-  drawn.frame_cols = 240;
-  drawn.pitch_px = 6.0;
-  drawn.centre_x_px = 122.5;
-  drawn.centre_y_px = 122.5;
-  drawn.sigma_px = 1.0;
+  DrawnSpots drawn = drawn_without_gaps();
   drawn.brightness_spread = 0.3;
   drawn.jitter_px = 0.3;
   drawn.seed = 5;
