@@ -2,12 +2,14 @@
 
 #include <toml++/toml.h>
 
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <limits>
 #include <set>
 #include <sstream>
+#include <string_view>
 
 #include "core/error.h"
 
@@ -20,6 +22,24 @@ struct Range {
 };
 constexpr Range kNotNegative{0.0, 1e9};
 constexpr Range kFraction{0.0, 1.0};
+
+/// The words a setting of an enumeration takes.
+template <typename Enum>
+struct Word {
+  std::string_view text;
+  Enum value;
+};
+constexpr std::array kThreadingWords = {Word{"inline", Threading::kInline},
+                                        Word{"per_stage", Threading::kPerStage}};
+constexpr std::array kTriggerWords = {Word{"as_is", Trigger::kAsIs}, Word{"free", Trigger::kFree},
+                                      Word{"line", Trigger::kLine},
+                                      Word{"software", Trigger::kSoftware}};
+constexpr std::array kRecordWords = {Word{"off", RecordMode::kOff},
+                                     Word{"continuous", RecordMode::kContinuous},
+                                     Word{"trigger", RecordMode::kTrigger}};
+constexpr const auto& words_of(Threading) { return kThreadingWords; }
+constexpr const auto& words_of(Trigger) { return kTriggerWords; }
+constexpr const auto& words_of(RecordMode) { return kRecordWords; }
 
 /// The one list of all settings: visits (section, key, value, range) of each.
 template <typename ConfigType, typename Visitor>
@@ -44,6 +64,70 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("pipeline", "slots", pipeline.slots, Range{2, 4096});
   visit("pipeline", "max_vortices", pipeline.max_vortices, Range{1, 1e6});
   visit("pipeline", "cpus", pipeline.cpus, Range{0, 1023});
+  visit("pipeline", "deadline_us", pipeline.deadline_us, kNotNegative);
+  auto& daemon = config.daemon;
+  visit("daemon", "sensor", daemon.sensor, kNotNegative);
+  visit("daemon", "jsonl", daemon.jsonl, kNotNegative);
+  visit("daemon", "control", daemon.control, kNotNegative);
+  visit("daemon", "log_level", daemon.log_level, kNotNegative);
+  auto& camera = config.camera;
+  visit("camera", "source", camera.source, kNotNegative);
+  visit("camera", "x_px", camera.x_px, Range{-1, 65535});
+  visit("camera", "y_px", camera.y_px, Range{-1, 65535});
+  visit("camera", "width_px", camera.width_px, Range{0, 65535});
+  visit("camera", "height_px", camera.height_px, Range{0, 65535});
+  visit("camera", "pixel_format", camera.pixel_format, kNotNegative);
+  visit("camera", "exposure_us", camera.exposure_us, kNotNegative);
+  visit("camera", "gain_db", camera.gain_db, Range{-1, 1000});
+  visit("camera", "frame_rate_hz", camera.frame_rate_hz, Range{0, 1e6});
+  visit("camera", "trigger", camera.trigger, kNotNegative);
+  visit("camera", "trigger_line", camera.trigger_line, kNotNegative);
+  visit("camera", "packet_size_bytes", camera.packet_size_bytes, Range{0, 65535});
+  visit("camera", "packet_delay_ns", camera.packet_delay_ns, Range{-1, 1e9});
+  visit("camera", "socket_buffer_bytes", camera.socket_buffer_bytes, Range{65536, 1 << 30});
+  visit("camera", "packet_resend", camera.packet_resend, kNotNegative);
+  visit("camera", "frame_retention_us", camera.frame_retention_us, Range{1000, 1e7});
+  visit("camera", "buffers", camera.buffers, Range{3, 1000});
+  visit("camera", "timeout_s", camera.timeout_s, Range{0, 1e6});
+  visit("camera", "max_backoff_s", camera.max_backoff_s, Range{0.05, 3600});
+  visit("camera", "features", camera.features, kNotNegative);
+  auto& usb = config.camera.usb;
+  visit("usb", "interface", usb.interface_number, Range{0, 255});
+  visit("usb", "alternate_setting", usb.alternate_setting, Range{0, 255});
+  visit("usb", "endpoint", usb.endpoint, Range{0x81, 0x8f});
+  visit("usb", "rows", usb.rows, Range{0, 65535});
+  visit("usb", "cols", usb.cols, Range{0, 65535});
+  visit("usb", "bits", usb.bits, Range{8, 16});
+  visit("usb", "header_bytes", usb.header_bytes, Range{0, 1 << 20});
+  visit("usb", "trailer_bytes", usb.trailer_bytes, Range{0, 1 << 20});
+  visit("usb", "sync", usb.sync, kNotNegative);
+  visit("usb", "sequence_offset", usb.sequence_offset, Range{-1, 1 << 20});
+  visit("usb", "transfer_bytes", usb.transfer_bytes, Range{512, 1 << 24});
+  visit("usb", "transfers", usb.transfers, Range{2, 1024});
+  auto& realtime = config.realtime;
+  visit("realtime", "priority", realtime.priority, Range{0, 99});
+  visit("realtime", "camera_priority", realtime.camera_priority, Range{0, 99});
+  visit("realtime", "camera_cpus", realtime.camera_cpus, Range{0, 1023});
+  visit("realtime", "lock_memory", realtime.lock_memory, kNotNegative);
+  visit("realtime", "huge_pages", realtime.huge_pages, kNotNegative);
+  visit("realtime", "max_cpu_wakeup_us", realtime.max_cpu_wakeup_us, Range{-1, 1e6});
+  auto& recorder = config.recorder;
+  visit("recorder", "mode", recorder.mode, kNotNegative);
+  visit("recorder", "folder", recorder.folder, kNotNegative);
+  visit("recorder", "before_s", recorder.before_s, Range{0, 1e6});
+  visit("recorder", "after_s", recorder.after_s, Range{0, 1e6});
+  visit("recorder", "trigger_on_vortex", recorder.trigger_on_vortex, kNotNegative);
+  visit("recorder", "memory_mb", recorder.memory_mb, Range{1, 1e6});
+  visit("recorder", "max_file_mb", recorder.max_file_mb, Range{1, 1e6});
+  visit("recorder", "max_file_s", recorder.max_file_s, Range{1, 1e6});
+  visit("recorder", "min_free_mb", recorder.min_free_mb, Range{0, 1e7});
+  visit("recorder", "compress", recorder.compress, kNotNegative);
+}
+
+std::ostringstream full_precision() {
+  std::ostringstream text;
+  text.precision(std::numeric_limits<double>::max_digits10);
+  return text;
 }
 
 class TomlReader {
@@ -64,8 +148,8 @@ class TomlReader {
       const std::string name(section.str());
       if (sections_.contains(name) && !node.is_table()) refuse(node, name, "a section");
       if (!sections_.contains(name))
-        throw UsageError(where(section.source()) + "unknown section '" + name +
-                         "', known are centroid, split, detect, pipeline");
+        throw UsageError(where(section.source()) + "unknown section '" + name + "', known are " +
+                         known_sections());
       for (const auto& [key, value] : *node.as_table())
         if (!known_.contains(name + "." + std::string(key.str())))
           throw UsageError(where(key.source()) + "unknown key '" + std::string(key.str()) +
@@ -76,6 +160,12 @@ class TomlReader {
  private:
   std::string where(const toml::source_region& source) const {
     return path_ + ":" + std::to_string(source.begin.line) + ": ";
+  }
+  std::string known_sections() const {
+    std::string text;
+    for (const std::string& section : sections_)
+      text.append(text.empty() ? "" : ", ").append(section);
+    return text;
   }
   std::string keys_of(const std::string& section) const {
     std::string text;
@@ -116,9 +206,46 @@ class TomlReader {
     if (!node.is_boolean()) refuse(node, key, "true or false");
     value = *node.value<bool>();
   }
-  void read(const toml::node& node, const std::string& key, Threading& value, Range) const {
-    if (!node.is_string()) refuse(node, key, R"("inline" or "per_stage")");
-    value = threading_from(*node.value<std::string>(), where(node.source()) + key);
+  void read(const toml::node& node, const std::string& key, std::int64_t& value,
+            Range range) const {
+    value = integer<std::int64_t>(node, key, range);
+  }
+  void read(const toml::node& node, const std::string& key, std::string& value, Range) const {
+    if (!node.is_string()) refuse(node, key, "a text in quotes");
+    value = *node.value<std::string>();
+  }
+  template <typename Enum>
+  requires std::is_enum_v<Enum>
+  void read(const toml::node& node, const std::string& key, Enum& value, Range) const {
+    std::string known;
+    for (const auto& word : words_of(value)) {
+      if (node.is_string() && *node.value<std::string_view>() == word.text) {
+        value = word.value;
+        return;
+      }
+      known.append(known.empty() ? "\"" : ", \"").append(word.text).append("\"");
+    }
+    refuse(node, key, "one of " + known);
+  }
+  /// A table of names and texts, numbers or truth values, kept as the texts a camera takes.
+  void read(const toml::node& node, const std::string& key,
+            std::map<std::string, std::string>& value, Range) const {
+    if (!node.is_table()) refuse(node, key, "a table of names and values");
+    value.clear();
+    for (const auto& [name, element] : *node.as_table()) {
+      std::ostringstream text = full_precision();
+      if (const auto number = element.value_exact<std::int64_t>())
+        text << *number;
+      else if (const auto real = element.value_exact<double>())
+        text << *real;
+      else if (const auto truth = element.value_exact<bool>())
+        text << (*truth ? "true" : "false");
+      else if (const auto word = element.value_exact<std::string>())
+        text << *word;
+      else
+        refuse(element, key + "." + std::string(name.str()), "a text, a number, true or false");
+      value.emplace(name.str(), text.str());
+    }
   }
   void read(const toml::node& node, const std::string& key, std::vector<int>& value,
             Range range) const {
@@ -147,18 +274,30 @@ class TomlWriter {
   std::string text() const { return text_.str(); }
 
  private:
-  static std::ostringstream full_precision() {
-    std::ostringstream text;
-    text.precision(std::numeric_limits<double>::max_digits10);
-    return text;
-  }
   template <typename Number>
-  void write(Number value) {
-    text_ << value;
-  }
+  requires std::is_arithmetic_v<Number>
+  void write(Number value) { text_ << value; }
   void write(bool value) { text_ << (value ? "true" : "false"); }
-  void write(Threading value) {
-    text_ << (value == Threading::kInline ? "\"inline\"" : "\"per_stage\"");
+  template <typename Enum>
+  requires std::is_enum_v<Enum>
+  void write(Enum value) {
+    for (const auto& word : words_of(value))
+      if (word.value == value) write(std::string(word.text));
+  }
+  void write(const std::string& value) {
+    std::ostringstream quoted;
+    quoted << toml::value<std::string>(value);
+    text_ << quoted.str();
+  }
+  void write(const std::map<std::string, std::string>& values) {
+    text_ << "{";
+    for (const auto& [name, value] : values) {
+      text_ << (name == values.begin()->first ? " " : ", ");
+      write(name);
+      text_ << " = ";
+      write(value);
+    }
+    text_ << (values.empty() ? "}" : " }");
   }
   void write(const std::vector<int>& values) {
     text_ << "[";
@@ -205,8 +344,8 @@ std::string config_hash(const Config& config) {
 }
 
 Threading threading_from(const std::string& word, const std::string& where) {
-  if (word == "inline") return Threading::kInline;
-  if (word == "per_stage") return Threading::kPerStage;
+  for (const auto& known : kThreadingWords)
+    if (known.text == word) return known.value;
   throw UsageError(where + " must be inline or per_stage, not '" + word + "'");
 }
 

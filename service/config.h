@@ -5,9 +5,12 @@
 #include <string>
 #include <vector>
 
+#include "acquisition/camera_options.h"
 #include "centroiding/centroid.h"
 #include "detect/vortex_finder.h"
 #include "reconstruct/split.h"
+#include "service/realtime.h"
+#include "service/recorder.h"
 
 namespace curlew {
 
@@ -24,6 +27,17 @@ struct PipelineOptions {
   std::size_t max_vortices = 256;
   /// Pin the threads to these CPUs, in turn; empty: not pinned.
   std::vector<int> cpus;
+  /// Results later than this after the frame was received are misses, counted and marked late;
+  /// 0: no deadline.
+  double deadline_us = 0.0;
+};
+
+/// What only the daemon, `curlew run`, needs.
+struct DaemonOptions {
+  std::string sensor;              ///< sensor file made by `curlew calibrate`
+  std::string jsonl;               ///< one JSON object a frame; empty: none
+  std::string control;             ///< socket for `curlew control`; empty: none
+  std::string log_level = "info";  ///< debug, info, warning or error
 };
 
 struct Config {
@@ -31,6 +45,10 @@ struct Config {
   SplitOptions split;
   DetectOptions detect;
   PipelineOptions pipeline;
+  DaemonOptions daemon;
+  CameraOptions camera;
+  RealtimeOptions realtime;
+  RecorderOptions recorder;
 };
 
 /// Reads a TOML file over the defaults. UsageError: missing file, bad syntax, an unknown key (with

@@ -25,6 +25,12 @@ report 'moodycamel in core/slot_queue.h only' \
 report 'cfitsio in acquisition/fits_*.cpp and fits_handle.h only' \
   "$(includes 'fitsio' core "${stages[@]}" |
     grep -vE '^acquisition/fits_([a-z]+\.cpp|handle\.h):' || true)"
+report 'Aravis in acquisition/aravis_*.cpp and aravis_handle.h only' \
+  "$(includes 'arv\.h' core "${stages[@]}" |
+    grep -vE '^acquisition/aravis_([a-z_]+\.cpp|handle\.h):' || true)"
+report 'libusb in acquisition/usb_*.cpp and usb_handle.h only' \
+  "$(includes 'libusb' core "${stages[@]}" |
+    grep -vE '^acquisition/usb_([a-z_]+\.cpp|handle\.h):' || true)"
 report 'spdlog in service/ and acquisition/*.cpp only' \
   "$(includes 'spdlog' core "${stages[@]}" | grep -vE '^(service/|acquisition/[a-z_]+\.cpp:)' || true)"
 exit $bad

@@ -1,0 +1,77 @@
+// Camera: a device that sends frames by itself.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "acquisition/camera_options.h"
+#include "core/frame.h"
+#include "core/frame_exchange.h"
+
+namespace curlew {
+
+/// What became of the frames of a camera. By its own numbering every frame is in exactly one:
+/// last − first + 1 = delivered + incomplete + timed_out + aborted + wrong_size + other + lost.
+struct FrameCounts {
+  std::int64_t delivered = 0;   ///< whole, given to the exchange
+  std::int64_t incomplete = 0;  ///< packets or bytes missing
+  std::int64_t timed_out = 0;   ///< its end never came
+  std::int64_t aborted = 0;     ///< the stream stopped in the middle of it
+  std::int64_t wrong_size = 0;  ///< more or fewer pixels than agreed
+  std::int64_t other = 0;       ///< any other status that is not success
+  std::int64_t lost = 0;        ///< numbers that never came
+  std::int64_t no_buffer = 0;   ///< of those lost: we had no buffer free
+
+  std::int64_t dropped() const {
+    return incomplete + timed_out + aborted + wrong_size + other + lost;
+  }
+};
+
+class Camera {
+ public:
+  virtual ~Camera() = default;
+
+  virtual const FrameFormat& format() const = 0;
+
+  /// What is attached, for people: vendor, model, serial number, address.
+  virtual std::string description() const = 0;
+
+  /// Sentences on what the camera does otherwise than it was told, and on what it sends.
+  virtual std::vector<std::string> notes() const = 0;
+
+  /// Sends frames to the exchange, from a thread of its own, until stop(). Each header is complete,
+  /// sequence counts on through wraps of the device's numbers, and the first is `renumbered`.
+  /// Failure names the device. Where the camera dies or ends it closes the exchange.
+  virtual void start(FrameExchange& exchange) = 0;
+
+  /// When it returns nothing of the camera touches the exchange any more, and counts() is final.
+  /// Works on a dead camera too, within a second or so.
+  virtual void stop() noexcept = 0;
+
+  /// Starts a frame where the trigger is software.
+  virtual void trigger() {}
+
+  /// Why it closed the exchange; empty while it is well, and where it came to its natural end.
+  virtual std::string failure() const = 0;
+
+  virtual FrameCounts counts() const = 0;
+};
+
+/// Called once in every thread in which a camera takes frames, before the first: pinning, priority.
+using ThreadStart = std::function<void()>;
+
+/// Opens what options.source names. Failure where it is not there or refuses; UsageError for a
+/// source or a setting that makes no sense.
+std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadStart& thread_start);
+
+/// One attached device, for `curlew cameras`.
+struct CameraListing {
+  std::string source;       ///< what --camera takes
+  std::string description;  ///< vendor, model, serial number, address
+  std::string problem;      ///< why it cannot be opened and what to do; empty where it can
+};
+
+}  // namespace curlew

@@ -1,0 +1,65 @@
+// CameraOptions: which camera, and what it shall do. Section [camera] of the configuration.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+
+namespace curlew {
+
+enum class Trigger {
+  kAsIs,      ///< the camera's own setting stays
+  kFree,      ///< frame after frame, no trigger
+  kLine,      ///< an edge on trigger_line starts a frame
+  kSoftware,  ///< Camera::trigger() starts a frame
+};
+
+/// One value per pixel, as a plain bulk-streaming USB camera sends frames.
+struct UsbLayout {
+  int interface_number = 0;  ///< interface with the bulk IN endpoint
+  int alternate_setting = 0;
+  int endpoint = 0x81;    ///< address of the bulk IN endpoint
+  int rows = 0;           ///< of a frame
+  int cols = 0;           ///< of a frame
+  int bits = 16;          ///< 8: a byte a pixel; 10 to 16: two bytes, little endian
+  int header_bytes = 0;   ///< before the pixels of a frame, skipped
+  int trailer_bytes = 0;  ///< after the pixels of a frame, skipped
+  std::string sync;       ///< hexadecimal; what the header begins with, to find the frames' start
+  int sequence_offset = -1;  ///< of a 32-bit little-endian frame number in the header; −1: none
+  int transfer_bytes = 1 << 18;  ///< of one asynchronous transfer
+  int transfers = 16;            ///< under way at once
+};
+
+struct CameraOptions {
+  /// "aravis:ID" (id, address, or nothing: the only camera there is), "usb:VID:PID", "sim:PRESET"
+  /// or "file:REC.fits".
+  std::string source = "aravis:";
+
+  // What a GenICam camera is told; a field left at its default leaves the camera's own value.
+  int x_px = -1;             ///< region: first column
+  int y_px = -1;             ///< region: first row
+  int width_px = 0;          ///< region
+  int height_px = 0;         ///< region
+  std::string pixel_format;  ///< as the camera calls it: Mono8, Mono10p, Mono12, Mono16, …
+  double exposure_us = 0.0;
+  double gain_db = -1.0;
+  double frame_rate_hz = 0.0;  ///< also the rate of sim: (1000 where 0) and file:
+  Trigger trigger = Trigger::kAsIs;
+  std::string trigger_line = "Line0";
+  std::map<std::string, std::string> features;  ///< any other GenICam feature, set in this order
+
+  // GigE Vision.
+  int packet_size_bytes = 0;          ///< 0: negotiated with the camera
+  std::int64_t packet_delay_ns = -1;  ///< between packets; −1 leaves it
+  int socket_buffer_bytes = 8 << 20;  ///< the kernel's receive buffer, capped by net.core.rmem_max
+  bool packet_resend = false;         ///< late data is useless data
+  /// After the last packet of an incomplete frame; then it is given up.
+  std::int64_t frame_retention_us = 20000;
+
+  int buffers = 6;             ///< frames the camera may be filling, beside those in the pipeline
+  double timeout_s = 5.0;      ///< without a frame for so long the camera counts as lost; 0: never
+  double max_backoff_s = 5.0;  ///< longest pause between two attempts to connect
+  UsbLayout usb;
+};
+
+}  // namespace curlew

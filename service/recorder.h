@@ -1,0 +1,75 @@
+// Recorder: frames to disk beside the pipeline, which it never slows.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "core/frame.h"
+#include "core/optics.h"
+#include "core/side_queue.h"
+
+namespace curlew {
+
+enum class RecordMode {
+  kOff,
+  kContinuous,  ///< every frame
+  kTrigger,     ///< before_s before a trigger to after_s after it
+};
+
+/// Section [recorder] of the configuration.
+struct RecorderOptions {
+  RecordMode mode = RecordMode::kOff;
+  std::string folder = ".";
+  double before_s = 5.0;           ///< kTrigger: kept in memory, as far as memory_mb reaches
+  double after_s = 5.0;            ///< kTrigger
+  bool trigger_on_vortex = false;  ///< kTrigger: a frame with a vortex is a trigger
+  int memory_mb = 256;             ///< frames waiting to be written, or kept for a trigger
+  int max_file_mb = 2000;          ///< then the next file
+  double max_file_s = 600.0;       ///< then the next file
+  int min_free_mb = 500;           ///< of the disk; recording stops before it has less
+  bool compress = false;           ///< lossless tile compression (Rice) once a file is complete
+};
+
+/// What the recorder has done so far.
+struct RecorderCounts {
+  std::int64_t recorded = 0;  ///< frames on disk
+  std::int64_t dropped = 0;   ///< frames it had no memory free for, or that the disk refused
+  std::int64_t files = 0;     ///< begun
+  bool stopped = false;       ///< the disk is full or failing; see the log
+};
+
+class Recorder {
+ public:
+  /// log: gets one sentence at a time, from the recorder's own thread: files begun and complete,
+  /// and why it stopped. Failure where the folder cannot be written. Makes memory_mb of frame
+  /// buffers (at least 4 frames) and begins its thread.
+  Recorder(const RecorderOptions& options, const FrameFormat& format, const Optics& optics,
+           const Detector& detector, std::function<void(const std::string&)> log);
+
+  /// Writes what it holds and completes the file.
+  ~Recorder();
+  Recorder(const Recorder&) = delete;
+  Recorder& operator=(const Recorder&) = delete;
+
+  /// Publisher's thread, once a frame. Copies the pixels; never waits, allocates or throws.
+  void add(const FrameBuffer& frame, bool has_vortex) noexcept;
+
+  /// Any thread, also several times: kTrigger.
+  void trigger() noexcept;
+
+  RecorderCounts counts() const;
+
+ private:
+  struct Item;
+  class Writer;
+  std::unique_ptr<SideQueue<Item>> queue_;
+  std::unique_ptr<Writer> writer_;
+  std::atomic<bool> triggered_{false};
+  std::thread thread_;
+};
+
+}  // namespace curlew
