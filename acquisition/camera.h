@@ -25,6 +25,18 @@ struct FrameCounts {
   std::int64_t lost = 0;        ///< numbers that never came
   std::int64_t no_buffer = 0;   ///< of those lost: we had no buffer free
 
+  FrameCounts& operator+=(const FrameCounts& more) {
+    delivered += more.delivered;
+    incomplete += more.incomplete;
+    timed_out += more.timed_out;
+    aborted += more.aborted;
+    wrong_size += more.wrong_size;
+    other += more.other;
+    lost += more.lost;
+    no_buffer += more.no_buffer;
+    return *this;
+  }
+  /// All that were not delivered.
   std::int64_t dropped() const {
     return incomplete + timed_out + aborted + wrong_size + other + lost;
   }
@@ -60,6 +72,18 @@ class Camera {
   virtual FrameCounts counts() const = 0;
 };
 
+/// The camera streams into the exchange as long as this lives.
+class Streaming {
+ public:
+  Streaming(Camera& camera, FrameExchange& exchange) : camera_(camera) { camera.start(exchange); }
+  ~Streaming() { camera_.stop(); }
+  Streaming(const Streaming&) = delete;
+  Streaming& operator=(const Streaming&) = delete;
+
+ private:
+  Camera& camera_;
+};
+
 /// Called once in every thread in which a camera takes frames, before the first: pinning, priority.
 using ThreadStart = std::function<void()>;
 
@@ -67,11 +91,18 @@ using ThreadStart = std::function<void()>;
 /// source or a setting that makes no sense.
 std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadStart& thread_start);
 
+/// Whether the source is a device, which may be plugged in or switched on later, and not a file or
+/// the simulator.
+bool comes_and_goes(const CameraOptions& options);
+
 /// One attached device, for `curlew cameras`.
 struct CameraListing {
   std::string source;       ///< what --camera takes
   std::string description;  ///< vendor, model, serial number, address
   std::string problem;      ///< why it cannot be opened and what to do; empty where it can
 };
+
+/// All that is attached, GenICam and plain USB.
+std::vector<CameraListing> list_cameras();
 
 }  // namespace curlew

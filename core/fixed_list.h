@@ -20,6 +20,12 @@ class FixedList {
     items_[size_++] = item;
     return true;
   }
+  /// Takes over the other's items, as far as they fit. Never allocates.
+  void assign(const FixedList& other) noexcept {
+    clear();
+    for (const T& item : other) push(item);
+    overflow_ += other.overflow_;
+  }
   void clear() noexcept {
     size_ = 0;
     overflow_ = 0;

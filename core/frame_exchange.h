@@ -21,6 +21,7 @@ class FrameExchange {
  public:
   /// buffers: those the pipeline can hold at once, one waiting, and those the camera fills.
   FrameExchange(const FrameFormat& format, std::size_t buffers) : empty_(buffers) {
+    unused_.reserve(buffers);
     for (std::size_t i = 0; i < buffers; ++i) {
       buffers_.push_back(std::make_unique<FrameBuffer>(format));
       empty_.push(buffers_.back().get());
@@ -32,8 +33,17 @@ class FrameExchange {
   /// Camera's thread: a buffer to fill; nullptr while none is free.
   FrameBuffer* empty() noexcept {
     FrameBuffer* buffer = nullptr;
+    if (!unused_.empty()) {
+      buffer = unused_.back();
+      unused_.pop_back();
+      return buffer;
+    }
     return empty_.pop_for(buffer, 0) ? buffer : nullptr;
   }
+
+  /// Camera's thread: a buffer that empty() or deliver() returned and that it has no use for, as
+  /// when it stops.
+  void put_back(FrameBuffer* buffer) noexcept { unused_.push_back(buffer); }
 
   /// Camera's thread: `frame` is whole, its header set. Returns the buffer of the frame it
   /// supersedes, to be filled again; nullptr where none waited.
@@ -69,7 +79,8 @@ class FrameExchange {
 
  private:
   std::vector<std::unique_ptr<FrameBuffer>> buffers_;
-  SlotQueue<FrameBuffer> empty_;  // from the pipeline to the camera
+  SlotQueue<FrameBuffer> empty_;      // from the pipeline to the camera
+  std::vector<FrameBuffer*> unused_;  // put back by the camera
   std::atomic<FrameBuffer*> newest_{nullptr};
   Wakeup ready_;  // one signal a frame that found no other waiting
   std::atomic<bool> closed_{false};

@@ -21,6 +21,12 @@ class LatencyHistogram {
     max_ns_ = std::max(max_ns_, ns);
   }
 
+  void merge(const LatencyHistogram& other) noexcept {
+    for (std::size_t b = 0; b < counts_.size(); ++b) counts_[b] += other.counts_[b];
+    count_ += other.count_;
+    max_ns_ = std::max(max_ns_, other.max_ns_);
+  }
+
   /// The smallest duration (ns) that at least `fraction` of all do not exceed, rounded up to
   /// its bucket's upper end; 0 when empty. fraction in [0, 1].
   std::int64_t percentile_ns(double fraction) const noexcept {

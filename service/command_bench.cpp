@@ -10,6 +10,7 @@
 #include "service/latency_report.h"
 #include "service/pipeline.h"
 #include "service/progress.h"
+#include "service/thread_placement.h"
 #include "service/version.h"
 
 namespace curlew {
@@ -56,7 +57,12 @@ class LoopSource final : public FrameSource {
   std::int64_t delivered_ = 0;
 };
 
-RunReport measure(const BenchCase& which, const BenchOptions& options) {
+struct Measured {
+  RunReport report;
+  std::string pinning;
+};
+
+Measured measure(const BenchCase& which, const BenchOptions& options) {
   constexpr int kDistinctFrames = 4;
   constexpr std::int64_t kWarmUp = 100;
   std::vector<BenchFrame> frames;
@@ -70,15 +76,21 @@ RunReport measure(const BenchCase& which, const BenchOptions& options) {
   config.centroid.threshold_adu = kBenchThresholdAdu;
   config.pipeline.threads = threading_from(options.threads, "--threads");
   config.pipeline.cpus = options.cpus;
-  const Plan plan(sensor, frames.front().format, config);
-  Pipeline pipeline(plan, frames.front().format, config.pipeline);
+  ThreadPlacement placement(options.cpus, 0);
+  Pipeline pipeline(std::make_shared<const Plan>(sensor, frames.front().format, config),
+                    config.pipeline, placement.thread_start());
   LoopSource warm_up(frames, kWarmUp);
-  pipeline.run(warm_up, {}, {});
+  RecordedFeed warm_up_feed(warm_up, {});
+  pipeline.run(warm_up_feed, {});
   LoopSource source(frames, options.frames);
+  RecordedFeed feed(source, {});
   Progress progress("bench", options.frames);
   Publisher publisher;
   publisher.finish = [&](const FrameSlot&, std::int64_t) { progress.step(); };
-  return pipeline.run(source, publisher, {});
+  Measured measured;
+  measured.report = pipeline.run(feed, publisher);
+  measured.pinning = placement.description();
+  return measured;
 }
 
 void bench_latency(const BenchOptions& options) {
@@ -92,8 +104,8 @@ void bench_latency(const BenchOptions& options) {
   json["frames"] = options.frames;
   std::string text;
   for (const BenchCase& which : all) {
-    const RunReport report = measure(which, options);
-    json["pinning"] = report.pinning;
+    const auto [report, pinning] = measure(which, options);
+    json["pinning"] = pinning;
     nlohmann::ordered_json entry;
     entry["rows"] = which.rows;
     entry["cols"] = which.cols;

@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <memory>
 #include <optional>
 
@@ -10,6 +11,7 @@
 #include "acquisition/mean_image.h"
 #include "centroiding/calibrate.h"
 #include "core/error.h"
+#include "service/capture.h"
 #include "service/commands.h"
 #include "service/config.h"
 #include "service/outputs.h"
@@ -26,6 +28,10 @@ struct CalibrateOptions {
   std::string bad_pixels;
   std::string config;
   std::string out;
+  std::string camera;
+  std::string keep;
+  std::int64_t frames = 100;
+  bool take_dark = false;
   std::optional<double> pitch_um, focal_mm, pixel_um, wavelength_nm, magnification;
   std::optional<double> e_per_adu, read_noise_e, saturation_adu;
   bool mirror = false;
@@ -128,7 +134,8 @@ void print_fit(const CalibrateOptions& options, const Sensor& sensor) {
   fmt::print("  one pixel is a slope of {:.4f} rad per pitch\n", optics.slope_rad_per_px());
 }
 
-void calibrate(const CalibrateOptions& options) {
+/// Finds grid, windows and references from the recording options.reference.
+void calibrate_on_recording(const CalibrateOptions& options) {
   refuse_overwriting(options.out, {options.reference, options.dark, options.flat,
                                    options.bad_pixels, options.config});
   const Config config = options.config.empty() ? Config{} : read_config(options.config);
@@ -151,20 +158,65 @@ void calibrate(const CalibrateOptions& options) {
   if (!report.text.empty()) fmt::print("  {}\n", report.text);
 }
 
+/// Frames from the camera into a recording first, which is kept where the user says so.
+void calibrate_on_camera(CalibrateOptions options) {
+  const Config config = options.config.empty() ? Config{} : read_config(options.config);
+  CameraOptions camera = config.camera;
+  camera.source = options.camera;
+  if (options.take_dark) {
+    capture_frames(camera, options.frames, options.out);
+    fmt::print("{}: a stack of {} darks, for --dark\n", options.out, options.frames);
+    return;
+  }
+  options.reference = options.keep.empty() ? options.out + ".reference.fits" : options.keep;
+  refuse_overwriting(options.reference,
+                     {options.out, options.dark, options.flat, options.bad_pixels, options.config});
+  capture_frames(camera, options.frames, options.reference);
+  const auto discard = [&] {
+    if (options.keep.empty()) std::filesystem::remove(options.reference);
+  };
+  try {
+    calibrate_on_recording(options);
+  } catch (...) {
+    discard();
+    throw;
+  }
+  discard();
+}
+
+void calibrate(const CalibrateOptions& options) {
+  if (options.camera.empty() == options.reference.empty())
+    throw UsageError("give either a reference recording or --camera");
+  if (options.camera.empty() && (options.take_dark || !options.keep.empty()))
+    throw UsageError("--take-dark and --keep need --camera");
+  if (options.camera.empty())
+    calibrate_on_recording(options);
+  else
+    calibrate_on_camera(options);
+}
+
 }  // namespace
 
 void add_calibrate(CLI::App& app) {
   auto options = std::make_shared<CalibrateOptions>();
   CLI::App* command =
       app.add_subcommand("calibrate", "Find the lenslet grid and write the sensor file");
-  command->add_option("reference", options->reference, "frames of the reference beam (FITS)")
-      ->required();
+  command->add_option("reference", options->reference, "frames of the reference beam (FITS)");
+  command->add_option("--camera", options->camera,
+                      "take them from a camera instead: aravis:ID, usb:VID:PID or sim:PRESET");
+  command->add_option("--frames", options->frames, "how many to take from the camera")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  command->add_option("--keep", options->keep, "keep the camera's frames in this recording");
+  command->add_flag("--take-dark", options->take_dark,
+                    "only take frames from the camera, with the light off, into --out");
   command->add_option("--out", options->out, "the sensor file (FITS)")->required();
   command->add_option("--dark", options->dark, "dark frame, or a stack: gives the read noise too");
   command->add_option("--flat", options->flat, "flat field, of any scale");
   command->add_option("--bad-pixels", options->bad_pixels,
                       "image that is not 0 where a pixel is bad");
-  command->add_option("--config", options->config, "configuration (TOML): [centroid] is used");
+  command->add_option("--config", options->config,
+                      "configuration (TOML): [centroid], and [camera] with --camera");
   command->add_option("--pitch-um", options->pitch_um, "lenslet pitch");
   command->add_option("--focal-mm", options->focal_mm, "focal length of the lenslets");
   command->add_option("--pixel-um", options->pixel_um, "pixel size, as binned");

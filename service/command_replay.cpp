@@ -20,6 +20,7 @@
 #include "service/progress.h"
 #include "service/results_file.h"
 #include "service/sensor_file.h"
+#include "service/thread_placement.h"
 #include "service/truth.h"
 #include "service/vortex_printer.h"
 
@@ -101,7 +102,7 @@ void replay(const ReplayOptions& options) {
   FitsSource source(options.recordings);
   const FrameFormat& format = source.format();
   add_bad_pixels(sensor, source.nan_pixels());
-  const Plan plan(sensor, format, config);
+  const auto plan = std::make_shared<const Plan>(sensor, format, config);
   const Truth truth(options.recordings);
 
   fmt::print("{} frames of {} x {} px, {} of {} x {} lenslets lit\n", source.frame_count(),
@@ -115,26 +116,32 @@ void replay(const ReplayOptions& options) {
 
   std::unique_ptr<ResultsFile> results;
   if (!options.out.empty())
-    results = std::make_unique<ResultsFile>(options.out, plan, save, source.frame_count(),
+    results = std::make_unique<ResultsFile>(options.out, *plan, save, source.frame_count(),
                                             config_hash(config));
   std::unique_ptr<JsonLines> lines;
   if (!options.jsonl.empty()) lines = std::make_unique<JsonLines>(options.jsonl);
   VortexPrinter printer(truth, options.show);
+  FrameResult result(plan->detect.capacity());
+  ThreadPlacement placement(config.pipeline.cpus, config.realtime.priority);
   RunReport report;
   {
     Progress progress("replay", source.frame_count());
-    Pipeline pipeline(plan, format, config.pipeline);
+    Pipeline pipeline(plan, config.pipeline, placement.thread_start());
+    RecordedFeed feed(source, {options.pace_hz, -1});
     Publisher publisher;
     publisher.publish = [&](const FrameSlot& slot) {
       if (results) results->add(slot);
     };
     publisher.finish = [&](const FrameSlot& slot, std::int64_t dropped) {
       if (results) results->add_latency(slot);
-      if (lines) lines->add(slot, dropped);
+      if (lines) {
+        result.copy(slot, dropped);
+        lines->add(result);
+      }
       printer.add(slot);
       progress.step();
     };
-    report = pipeline.run(source, publisher, {options.pace_hz, -1});
+    report = pipeline.run(feed, publisher);
   }
   if (results) results->commit();
   if (lines) lines->commit();
@@ -148,7 +155,7 @@ void replay(const ReplayOptions& options) {
     fmt::print("{} frames whose split did not converge: raise [split] max_iterations\n",
                report.not_converged);
   if (interrupted()) fmt::print("interrupted: the files hold the frames so far\n");
-  if (!config.pipeline.cpus.empty()) fmt::print("threads pinned to: {}\n", report.pinning);
+  if (!config.pipeline.cpus.empty()) fmt::print("threads pinned to: {}\n", placement.description());
   fmt::print("\n{}", latency_table(report));
 }
 

@@ -10,6 +10,10 @@ namespace curlew {
 void add_simulate(CLI::App& app);
 void add_calibrate(CLI::App& app);
 void add_replay(CLI::App& app);
+void add_run(CLI::App& app);
+void add_control(CLI::App& app);
 void add_bench(CLI::App& app);
+void add_cameras(CLI::App& app);
+void add_doctor(CLI::App& app);
 
 }  // namespace curlew

@@ -273,6 +273,13 @@ class TomlWriter {
   }
   std::string text() const { return text_.str(); }
 
+  template <typename T>
+  static std::string value_text(const T& value) {
+    TomlWriter writer;
+    writer.write(value);
+    return writer.text();
+  }
+
  private:
   template <typename Number>
   requires std::is_arithmetic_v<Number>
@@ -332,6 +339,19 @@ std::string config_text(const Config& config) {
   TomlWriter writer;
   visit_config(config, writer);
   return writer.text();
+}
+
+std::set<std::string> changed_sections(const Config& a, const Config& b) {
+  std::vector<std::pair<std::string, std::string>> values;  // section, value
+  visit_config(a, [&](const char* section, const char*, const auto& value, Range) {
+    values.emplace_back(section, TomlWriter::value_text(value));
+  });
+  std::set<std::string> changed;
+  std::size_t next = 0;
+  visit_config(b, [&](const char* section, const char*, const auto& value, Range) {
+    if (values[next++].second != TomlWriter::value_text(value)) changed.insert(section);
+  });
+  return changed;
 }
 
 std::string config_hash(const Config& config) {

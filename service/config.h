@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -57,6 +58,9 @@ Config read_config(const std::string& path);
 
 /// All values in TOML, as read_config takes them: what a run really used.
 std::string config_text(const Config& config);
+
+/// The sections in which they differ.
+std::set<std::string> changed_sections(const Config& a, const Config& b);
 
 /// 64-bit FNV-1a of config_text, in hexadecimal.
 std::string config_hash(const Config& config);

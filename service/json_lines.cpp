@@ -23,14 +23,17 @@ nlohmann::json microseconds(std::int64_t ns) { return static_cast<double>(ns) / 
 
 }  // namespace
 
-JsonLines::JsonLines(const std::string& path) : path_(path) {
+JsonLines::JsonLines(const std::string& path, JsonLinesFile file) : path_(path) {
   namespace fs = std::filesystem;
   std::error_code none;
   const std::string target = target_of(path);
-  in_place_ = fs::exists(path, none) && !fs::is_regular_file(target, none);
-  if (!in_place_) path_ = target;
+  stream_only_ = fs::exists(path, none) && !fs::is_regular_file(target, none);
+  in_place_ = stream_only_ || file == JsonLinesFile::kGrowing;
+  if (!stream_only_) path_ = target;
   writing_path_ = in_place_ ? path : partial_path(target);
-  stream_.open(writing_path_, in_place_ ? std::ios::out : std::ios::trunc);
+  stream_.open(writing_path_, stream_only_ ? std::ios::out
+                              : in_place_  ? std::ios::app
+                                           : std::ios::trunc);
   check();
 }
 
@@ -41,16 +44,16 @@ JsonLines::~JsonLines() {
   std::filesystem::remove(writing_path_, none);
 }
 
-void JsonLines::add(const FrameSlot& slot, std::int64_t dropped) {
-  const FrameHeader& header = slot.frame.header;
+void JsonLines::add(const FrameResult& result) {
+  const FrameHeader& header = result.header;
   nlohmann::ordered_json line;
-  line["frame"] = slot.frame_index;
+  line["frame"] = result.frame_index;
   line["sequence"] = header.sequence;
   line["camera_ns"] = header.camera_ns;
   line["received_ns"] = header.received_ns;
-  line["dropped"] = dropped;
+  line["dropped"] = result.dropped;
   auto& vortices = line["vortices"] = nlohmann::ordered_json::array();
-  for (const Vortex& v : slot.vortices)
+  for (const Vortex& v : result.vortices)
     vortices.push_back({{"x", number(v.x)},
                         {"y", number(v.y)},
                         {"charge", v.charge},
@@ -59,11 +62,16 @@ void JsonLines::add(const FrameSlot& slot, std::int64_t dropped) {
                         {"track", v.track}});
   auto& latency = line["latency_us"] = nlohmann::ordered_json::object();
   for (std::size_t stage = 0; stage < kStageCount; ++stage)
-    latency[kStages[stage].name] = microseconds(slot.latency.stage_ns[stage]);
-  latency["publish"] = microseconds(slot.latency.publish_ns);
-  latency["total"] = microseconds(slot.latency.total_ns);
+    latency[kStages[stage].name] = microseconds(result.latency.stage_ns[stage]);
+  latency["publish"] = microseconds(result.latency.publish_ns);
+  latency["total"] = microseconds(result.latency.total_ns);
   stream_ << line.dump() << '\n';
-  if (in_place_) stream_.flush();  // somebody is following
+  if (stream_only_) stream_.flush();
+  check();
+}
+
+void JsonLines::flush() {
+  stream_.flush();
   check();
 }
 

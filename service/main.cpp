@@ -33,7 +33,11 @@ int run(int argc, char** argv) {
   curlew::add_simulate(app);
   curlew::add_calibrate(app);
   curlew::add_replay(app);
+  curlew::add_run(app);
+  curlew::add_control(app);
   curlew::add_bench(app);
+  curlew::add_cameras(app);
+  curlew::add_doctor(app);
   if (argc > 1 && argv[1][0] != '-' && !is_command(app, argv[1]))
     throw curlew::UsageError("there is no command '" + std::string(argv[1]) +
                              "', see curlew --help");

@@ -1,17 +1,14 @@
 #include "service/pipeline.h"
 
-#include <pthread.h>
-#include <sched.h>
-
 #include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <exception>
 #include <thread>
+#include <utility>
 
 #include "core/slot_queue.h"
 #include "core/stage_timer.h"
-#include "service/interrupt.h"
 
 namespace curlew {
 namespace {
@@ -19,74 +16,73 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Queue = SlotQueue<FrameSlot>;
 
-void run_stage(std::size_t stage, const Plan& plan, FrameSlot& slot) noexcept {
-  const StageTimer timer(slot.latency.stage_ns[stage]);
-  kStages[stage].run(plan, slot);
-}
-
-void end_of_stages(FrameSlot& slot) noexcept {
-  slot.latency.total_ns = nanoseconds_since(slot.frame.header.received);
-}
-
-/// Pins the calling thread to the n-th of `cpus` in turn; false where the system refuses.
-bool pin_thread(const std::vector<int>& cpus, std::size_t n) noexcept {
-  if (cpus.empty()) return true;
-  cpu_set_t set;
-  CPU_ZERO(&set);
-  CPU_SET(static_cast<std::size_t>(cpus[n % cpus.size()]), &set);
-  return pthread_setaffinity_np(pthread_self(), sizeof set, &set) == 0;
-}
-
-std::string describe_pinning(const std::vector<int>& cpus, bool pinned) {
-  if (cpus.empty()) return "none";
-  std::string text = pinned ? "cpu" : "refused by the system: cpu";
-  for (const int cpu : cpus) text.append(" ").append(std::to_string(cpu));
-  return text;
-}
-
 }  // namespace
 
-/// The source, paced and counted.
-class Pipeline::Feed {
- public:
-  Feed(FrameSource& source, const RunOptions& options)
-      : source_(source), options_(options), next_(Clock::now()) {}
-
-  bool fill(FrameSlot& slot) {
-    if (delivered_ == options_.max_frames || interrupted()) return false;
-    if (source_.next(slot.frame) == Delivery::kEnd) return false;
-    if (options_.pace_hz > 0.0) {
-      std::this_thread::sleep_until(next_);
-      slot.frame.header.received = Clock::now();
-      // From now and not from when it was due: after a stall no frames come in a burst.
-      next_ =
-          slot.frame.header.received + std::chrono::duration_cast<Clock::duration>(
-                                           std::chrono::duration<double>(1.0 / options_.pace_hz));
-    }
-    slot.frame_index = delivered_++;
-    slot.latency = {};
-    return true;
-  }
-
- private:
-  FrameSource& source_;
-  RunOptions options_;
-  Clock::time_point next_;
-  std::int64_t delivered_ = 0;
-};
-
-Pipeline::Pipeline(const Plan& plan, const FrameFormat& format, const PipelineOptions& options)
-    : plan_(plan), options_(options) {
-  const std::size_t slots = options.threads == Threading::kInline ? 1 : options.slots;
-  for (std::size_t i = 0; i < slots; ++i)
-    slots_.push_back(std::make_unique<FrameSlot>(plan, format));
+void RunReport::merge(const RunReport& other) {
+  frames += other.frames;
+  vortices += other.vortices;
+  overflow += other.overflow;
+  dropped += other.dropped;
+  late += other.late;
+  not_converged += other.not_converged;
+  for (std::size_t i = 0; i < kStageCount; ++i) stage[i].merge(other.stage[i]);
+  publish.merge(other.publish);
+  total.merge(other.total);
+  seconds += other.seconds;
 }
 
-RunReport Pipeline::run(FrameSource& source, const Publisher& publisher,
-                        const RunOptions& options) {
+Pipeline::Pipeline(std::shared_ptr<const Plan> plan, const PipelineOptions& options,
+                   PipelineThreadStart thread_start)
+    : options_(options), thread_start_(std::move(thread_start)) {
+  if (!thread_start_) thread_start_ = [](const std::string&, std::size_t) {};
+  sets_.push_back(make_slots(std::move(plan)));
+  current_ = sets_.back().get();
+}
+
+std::unique_ptr<Pipeline::SlotSet> Pipeline::make_slots(std::shared_ptr<const Plan> plan) const {
+  auto set = std::make_unique<SlotSet>();
+  const std::size_t slots = options_.threads == Threading::kInline ? 1 : options_.slots;
+  for (std::size_t i = 0; i < slots; ++i) set->slots.push_back(std::make_unique<FrameSlot>(*plan));
+  set->plan = std::move(plan);
+  return set;
+}
+
+bool Pipeline::adopt(std::shared_ptr<const Plan> plan) {
+  if (pending_.load(std::memory_order_acquire) != nullptr) return false;
+  if (sets_.size() > 1) sets_.erase(sets_.begin());  // the one before; no slot of it is in use
+  sets_.push_back(make_slots(std::move(plan)));
+  pending_.store(sets_.back().get(), std::memory_order_release);
+  return true;
+}
+
+/// Between runs a pending plan is taken up at once, and no slot holds a frame.
+void Pipeline::start_sets() {
+  if (SlotSet* next = pending_.load(std::memory_order_acquire)) {
+    current_ = next;
+    pending_.store(nullptr, std::memory_order_release);
+  }
+  for (auto& slot : current_->slots) slot->frame = nullptr;
+  current_->in_use = current_->slots.size();
+}
+
+/// The slot itself, or, where a new plan is there, a slot of that plan with the same frame.
+FrameSlot* Pipeline::renewed(FrameSlot* slot) noexcept {
+  SlotSet* next = pending_.load(std::memory_order_acquire);
+  if (next == nullptr || slot->plan == next->plan.get()) return slot;
+  FrameSlot* fresh = next->slots[next->in_use++].get();
+  fresh->frame = std::exchange(slot->frame, nullptr);
+  fresh->frame_index = slot->frame_index;
+  if (next->in_use == next->slots.size()) {
+    current_ = next;
+    pending_.store(nullptr, std::memory_order_release);
+  }
+  return fresh;
+}
+
+RunReport Pipeline::run(Feed& feed, const Publisher& publisher) {
   report_ = {};
   last_sequence_.reset();
-  Feed feed(source, options);
+  start_sets();
   const auto start = Clock::now();
   if (options_.threads == Threading::kInline)
     run_inline(feed, publisher);
@@ -96,39 +92,53 @@ RunReport Pipeline::run(FrameSource& source, const Publisher& publisher,
   return report_;
 }
 
+void Pipeline::run_stage(std::size_t stage, FrameSlot& slot) const noexcept {
+  {
+    const StageTimer timer(slot.latency.stage_ns[stage]);
+    kStages[stage].run(*slot.plan, slot);
+  }
+  if (stage + 1 < kStageCount) return;
+  slot.latency.total_ns = nanoseconds_since(slot.frame->header.received);
+  if (is_late(slot)) slot.frame->header.status |= kFrameLate;
+}
+
+bool Pipeline::is_late(const FrameSlot& slot) const noexcept {
+  return options_.deadline_us > 0.0 &&
+         static_cast<double>(slot.latency.total_ns) > options_.deadline_us * 1e3;
+}
+
 void Pipeline::run_inline(Feed& feed, const Publisher& publisher) {
-  report_.pinning = describe_pinning(options_.cpus, pin_thread(options_.cpus, 0));
-  FrameSlot& slot = *slots_.front();
-  while (feed.fill(slot)) {
-    for (std::size_t stage = 0; stage < kStageCount; ++stage) run_stage(stage, plan_, slot);
-    end_of_stages(slot);
-    publish(slot, publisher);
+  thread_start_("curlew", 0);
+  FrameSlot* slot = current_->slots.front().get();
+  while (feed.fill(*slot)) {
+    slot = renewed(slot);
+    for (std::size_t stage = 0; stage < kStageCount; ++stage) run_stage(stage, *slot);
+    publish(*slot, publisher);
+    feed.release(*slot);
   }
 }
 
 /// This thread feeds; one thread a stage works; the last publishes and gives the slot back.
 void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
-  Queue free(slots_.size());
+  const std::size_t slots = current_->slots.size();
+  Queue free(slots);
   std::vector<std::unique_ptr<Queue>> to_stage;  // the last one leads to the publisher
-  for (std::size_t i = 0; i <= kStageCount; ++i)
-    to_stage.push_back(std::make_unique<Queue>(slots_.size()));
-  for (auto& slot : slots_) free.push(slot.get());
+  for (std::size_t i = 0; i <= kStageCount; ++i) to_stage.push_back(std::make_unique<Queue>(slots));
+  for (auto& slot : current_->slots) free.push(slot.get());
 
-  std::atomic<bool> pinned{true};
   std::atomic<bool> failed{false};
   std::exception_ptr failure;  // of the publisher; read after its thread is joined
   const auto work = [&](std::size_t stage) {
-    if (!pin_thread(options_.cpus, stage)) pinned = false;
+    thread_start_(kStages[stage].name, stage);
     FrameSlot* slot = nullptr;
     while (to_stage[stage]->pop(slot)) {
-      run_stage(stage, plan_, *slot);
-      if (stage + 1 == kStageCount) end_of_stages(*slot);
+      run_stage(stage, *slot);
       to_stage[stage + 1]->push(slot);
     }
     to_stage[stage + 1]->close();
   };
   const auto hand_out = [&] {
-    if (!pin_thread(options_.cpus, kStageCount)) pinned = false;
+    thread_start_("publish", kStageCount);
     FrameSlot* slot = nullptr;
     while (to_stage[kStageCount]->pop(slot)) {
       try {
@@ -137,6 +147,7 @@ void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
         failure = std::current_exception();
         failed = true;
       }
+      feed.release(*slot);
       free.push(slot);
     }
   };
@@ -147,13 +158,12 @@ void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
     for (std::size_t stage = 0; stage < kStageCount; ++stage) threads.emplace_back(work, stage);
     threads.emplace_back(hand_out);
     FrameSlot* slot = nullptr;
-    while (!failed && free.pop(slot) && feed.fill(*slot)) to_stage[0]->push(slot);
+    while (!failed && free.pop(slot) && feed.fill(*slot)) to_stage[0]->push(renewed(slot));
   } catch (...) {
     feed_failure = std::current_exception();
   }
   to_stage[0]->close();  // and each stage closes the next
   for (std::thread& thread : threads) thread.join();
-  report_.pinning = describe_pinning(options_.cpus, pinned);
   if (failure) std::rethrow_exception(failure);
   if (feed_failure) std::rethrow_exception(feed_failure);
 }
@@ -163,11 +173,12 @@ void Pipeline::publish(FrameSlot& slot, const Publisher& publisher) {
     const StageTimer timer(slot.latency.publish_ns);
     if (publisher.publish) publisher.publish(slot);
   }
+  const FrameHeader& header = slot.frame->header;
   ++report_.frames;
   report_.vortices += static_cast<std::int64_t>(slot.vortices.size());
   report_.overflow += slot.vortices.overflow();
   report_.not_converged += slot.split.converged ? 0 : 1;
-  const FrameHeader& header = slot.frame.header;
+  report_.late += is_late(slot) ? 1 : 0;
   if (last_sequence_ && !header.renumbered && header.sequence > *last_sequence_) {
     // Unsigned, because a file may hold any numbers; and no camera loses 2^40 frames.
     const std::uint64_t gap = static_cast<std::uint64_t>(header.sequence) -

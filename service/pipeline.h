@@ -1,6 +1,7 @@
-// Pipeline: takes frames from a source through the stages to a publisher.
+// Pipeline: takes frames from a feed through the stages to a publisher.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -8,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "acquisition/frame_source.h"
 #include "core/latency_histogram.h"
+#include "service/feed.h"
 #include "service/stages.h"
 
 namespace curlew {
@@ -19,13 +20,15 @@ struct RunReport {
   std::int64_t frames = 0;
   std::int64_t vortices = 0;
   std::int64_t overflow = 0;       ///< vortices beyond the list's capacity
-  std::int64_t dropped = 0;        ///< frames the source's numbering says were lost before us
+  std::int64_t dropped = 0;        ///< frames missing in the numbering of those that came
+  std::int64_t late = 0;           ///< frames whose results missed the deadline
   std::int64_t not_converged = 0;  ///< frames whose split stopped at its iteration limit
   std::array<LatencyHistogram, kStageCount> stage;
   LatencyHistogram publish;
   LatencyHistogram total;
   double seconds = 0.0;
-  std::string pinning;  ///< what the threads were really pinned to
+
+  void merge(const RunReport& other);
 };
 
 /// What to do with finished frames. Called in the order of the frames, from one thread.
@@ -35,28 +38,45 @@ struct Publisher {
   std::function<void(const FrameSlot&, std::int64_t dropped)> finish;
 };
 
-struct RunOptions {
-  double pace_hz = 0.0;  ///< deliver frames no faster than this; 0: as fast as they can be taken
-  std::int64_t max_frames = -1;  ///< stop after so many; −1: at the source's end
-};
+/// Called first in each thread of the pipeline, with its number from 0: pinning, priority.
+using PipelineThreadStart = std::function<void(const std::string& name, std::size_t number)>;
 
 class Pipeline {
  public:
-  Pipeline(const Plan& plan, const FrameFormat& format, const PipelineOptions& options);
+  Pipeline(std::shared_ptr<const Plan> plan, const PipelineOptions& options,
+           PipelineThreadStart thread_start = {});
 
-  /// Runs until the source ends. Never drops a frame: the source waits for a free slot. What the
-  /// source or the publisher throws ends the run and is thrown on, once all threads are joined.
-  RunReport run(FrameSource& source, const Publisher& publisher, const RunOptions& options);
+  /// Runs until the feed ends. What the feed or the publisher throws ends the run and is thrown
+  /// on, once all threads are joined.
+  RunReport run(Feed& feed, const Publisher& publisher);
+
+  /// Any one other thread, also while it runs: the frames fed from now on are worked on by this
+  /// plan, and none is lost. Makes the buffers; the run swaps pointers. False while an earlier plan
+  /// is still being taken up, which needs a frame a slot: try again later.
+  bool adopt(std::shared_ptr<const Plan> plan);
 
  private:
-  class Feed;
+  /// A plan and the slots made for it.
+  struct SlotSet {
+    std::shared_ptr<const Plan> plan;
+    std::vector<std::unique_ptr<FrameSlot>> slots;
+    std::size_t in_use = 0;  ///< of the slots, the first ones; the feeding thread's
+  };
+
+  std::unique_ptr<SlotSet> make_slots(std::shared_ptr<const Plan> plan) const;
+  void start_sets();
+  FrameSlot* renewed(FrameSlot* slot) noexcept;
   void run_inline(Feed& feed, const Publisher& publisher);
   void run_per_stage(Feed& feed, const Publisher& publisher);
+  void run_stage(std::size_t stage, FrameSlot& slot) const noexcept;
+  bool is_late(const FrameSlot& slot) const noexcept;
   void publish(FrameSlot& slot, const Publisher& publisher);
 
-  const Plan& plan_;
   PipelineOptions options_;
-  std::vector<std::unique_ptr<FrameSlot>> slots_;
+  PipelineThreadStart thread_start_;
+  std::vector<std::unique_ptr<SlotSet>> sets_;  ///< touched by adopt() only, once made
+  SlotSet* current_ = nullptr;                  ///< the run's
+  std::atomic<SlotSet*> pending_{nullptr};      ///< what is being taken up
   RunReport report_;
   std::optional<std::int64_t> last_sequence_;
 };

@@ -148,7 +148,7 @@ void ResultsFile::add(const FrameSlot& slot) {
   }
   ++frames_;
   const std::int64_t frame = slot.frame_index;
-  const FrameHeader& header = slot.frame.header;
+  const FrameHeader& header = slot.frame->header;
   frame_table_.append(frame, header.sequence, header.camera_ns, header.received_ns, header.status,
                       slot.slopes.n_valid, slot.vortices.size(), slot.vortices.overflow());
   for (const Vortex& v : slot.vortices) {

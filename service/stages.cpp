@@ -8,8 +8,8 @@ namespace curlew {
 namespace {
 
 void centroid(const Plan& plan, FrameSlot& slot) noexcept {
-  find_centroids(plan.centroid, slot.frame.view(), slot.centroids);
-  if (slot.centroids.n_saturated > 0) slot.frame.header.status |= kFrameSaturated;
+  find_centroids(plan.centroid, slot.frame->view(), slot.centroids);
+  if (slot.centroids.n_saturated > 0) slot.frame->header.status |= kFrameSaturated;
 }
 
 void slopes(const Plan& plan, FrameSlot& slot) noexcept {
@@ -43,13 +43,13 @@ Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config
              std::min(config.pipeline.max_vortices, sensor.valid.size())),
       split(sensor.valid, config.split) {}
 
-FrameSlot::FrameSlot(const Plan& plan, const FrameFormat& format)
-    : frame(format),
-      centroids(plan.grid.rows, plan.grid.cols),
-      slopes(plan.grid.rows, plan.grid.cols),
-      circulation(plan.grid.rows, plan.grid.cols),
-      vortices(plan.detect.capacity()),
-      split_workspace(plan.split),
-      split(plan.grid.rows, plan.grid.cols) {}
+FrameSlot::FrameSlot(const Plan& plan_of_slot)
+    : plan(&plan_of_slot),
+      centroids(plan->grid.rows, plan->grid.cols),
+      slopes(plan->grid.rows, plan->grid.cols),
+      circulation(plan->grid.rows, plan->grid.cols),
+      vortices(plan->detect.capacity()),
+      split_workspace(plan->split),
+      split(plan->grid.rows, plan->grid.cols) {}
 
 }  // namespace curlew

@@ -37,12 +37,13 @@ struct FrameLatency {
   std::int64_t total_ns = 0;  ///< received → all results ready to publish
 };
 
-/// Every buffer of one frame, made once.
+/// Every buffer of one frame's results, made once. The frame itself is lent by the feed.
 struct FrameSlot {
-  FrameSlot(const Plan& plan, const FrameFormat& format);
+  explicit FrameSlot(const Plan& plan_of_slot);
 
-  std::int64_t frame_index = 0;  ///< counts from 0 over all that the source delivers
-  FrameBuffer frame;
+  const Plan* plan;              ///< what the frame is worked on by
+  std::int64_t frame_index = 0;  ///< counts from 0 over all that the feed gives
+  FrameBuffer* frame = nullptr;
   Centroids centroids;
   SlopeField slopes;
   CirculationMap circulation;
@@ -54,7 +55,7 @@ struct FrameSlot {
 
 struct Stage {
   const char* name;  ///< as in the reports and, in capitals, in the LATENCY table
-  void (*run)(const Plan&, FrameSlot&) noexcept;
+  void (*run)(const Plan&, FrameSlot&) noexcept;  ///< the plan is the slot's
 };
 
 extern const std::array<Stage, kStageCount> kStages;

@@ -52,11 +52,12 @@ TEST_P(FalseAlarmRate, IsTheStatedOne) {
     detectors.emplace_back(detect, sensor.valid, 64);
   }
 
-  FrameSlot slot(plan, simulator.format());
+  FrameSlot slot(plan);
+  FrameBuffer frame(simulator.format());
   std::array<std::int64_t, kRates.size()> alarms{};
   std::int64_t lenslets = 0;
-  while (simulator.next(slot.frame) == Delivery::kFrame) {
-    find_centroids(plan.centroid, slot.frame.view(), slot.centroids);
+  while (simulator.next(frame) == Delivery::kFrame) {
+    find_centroids(plan.centroid, frame.view(), slot.centroids);
     measure_slopes(plan.slopes, slot.centroids, slot.slopes);
     circulate(slot.slopes, slot.circulation);
     lenslets += slot.slopes.n_valid;

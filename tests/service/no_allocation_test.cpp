@@ -98,18 +98,19 @@ TEST_P(NoAllocationModes, AThousandFrames) {
   Config config;
   config.split.weighted = weighted;
   config.pipeline.threads = threads;
-  const Plan plan(sensor, simulator.format(), config);
-  Pipeline pipeline(plan, simulator.format(), config.pipeline);
+  const auto plan = std::make_shared<const Plan>(sensor, simulator.format(), config);
+  Pipeline pipeline(plan, config.pipeline);
+  RecordedFeed feed(simulator, {0.0, 1100});
   int faded = 0;
   Publisher publisher;
   publisher.publish = [&](const FrameSlot& slot) {
     // The first frames let threads and queues settle; then a thousand are counted.
     if (slot.frame_index == 50) counting = true;
     if (slot.frame_index == 1050) counting = false;
-    if (slot.slopes.n_valid < plan.split.lattice().n_lenslets()) ++faded;
+    if (slot.slopes.n_valid < plan->split.lattice().n_lenslets()) ++faded;
   };
   allocations = 0;
-  const RunReport report = pipeline.run(simulator, publisher, {0.0, 1100});
+  const RunReport report = pipeline.run(feed, publisher);
   counting = false;
   EXPECT_EQ(allocations, 0);
   EXPECT_GT(faded, 100) << "frames with faded lenslets must be among those counted";

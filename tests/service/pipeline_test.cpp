@@ -41,8 +41,8 @@ std::string bytes_of(const FrameSlot& slot) {
     add(image.data(), image.size() * sizeof(float));
   };
   add(&slot.frame_index, sizeof slot.frame_index);
-  add(&slot.frame.header.sequence, sizeof slot.frame.header.sequence);
-  add(&slot.frame.header.status, sizeof slot.frame.header.status);
+  add(&slot.frame->header.sequence, sizeof slot.frame->header.sequence);
+  add(&slot.frame->header.status, sizeof slot.frame->header.status);
   for (const Vortex& v : slot.vortices) add(&v, sizeof v);
   for (const Image<float>* image :
        {&slot.slopes.x, &slot.slopes.y, &slot.slopes.variance_x, &slot.centroids.flux_adu,
@@ -65,12 +65,13 @@ Collected run(Threading threads, std::size_t slots) {
   config.split.weighted = true;
   config.pipeline.threads = threads;
   config.pipeline.slots = slots;
-  const Plan plan(sensor, simulator.format(), config);
-  Pipeline pipeline(plan, simulator.format(), config.pipeline);
+  Pipeline pipeline(std::make_shared<const Plan>(sensor, simulator.format(), config),
+                    config.pipeline);
+  RecordedFeed feed(simulator, {});
   Collected collected;
   Publisher publisher;
   publisher.publish = [&](const FrameSlot& slot) { collected.frames.push_back(bytes_of(slot)); };
-  collected.report = pipeline.run(simulator, publisher, {});
+  collected.report = pipeline.run(feed, publisher);
   return collected;
 }
 
@@ -117,9 +118,11 @@ class PipelineModes : public ::testing::TestWithParam<Threading> {
     Config config;
     config.pipeline.threads = GetParam();
     config.pipeline.slots = 3;
-    const Plan plan(tiled_sensor({4, 4, kWindow}), source.format(), config);
-    Pipeline pipeline(plan, source.format(), config.pipeline);
-    return pipeline.run(source, publisher, options);
+    Pipeline pipeline(
+        std::make_shared<const Plan>(tiled_sensor({4, 4, kWindow}), source.format(), config),
+        config.pipeline);
+    RecordedFeed feed(source, options);
+    return pipeline.run(feed, publisher);
   }
 };
 

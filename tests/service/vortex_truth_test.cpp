@@ -73,9 +73,10 @@ Seen through_spots(VortexAmplitude amplitude) {
   Simulator simulator(options);
   const Sensor sensor = sensor_of(simulator, kWindow, options.bias_adu);
   const Plan plan(sensor, simulator.format(), {});
-  FrameSlot slot(plan, simulator.format());
-  EXPECT_EQ(simulator.next(slot.frame), Delivery::kFrame);
-  find_centroids(plan.centroid, slot.frame.view(), slot.centroids);
+  FrameSlot slot(plan);
+  FrameBuffer frame(simulator.format());
+  EXPECT_EQ(simulator.next(frame), Delivery::kFrame);
+  find_centroids(plan.centroid, frame.view(), slot.centroids);
   measure_slopes(plan.slopes, slot.centroids, slot.slopes);
   return split_and_find(slot.slopes);
 }

@@ -1,0 +1,178 @@
+#include "acquisition/paced_camera.h"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <exception>
+#include <mutex>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "acquisition/fits_source.h"
+#include "acquisition/simulator.h"
+
+namespace curlew {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr double kDefaultRateHz = 1000.0;
+constexpr std::int64_t kFramesDrawn = 100;
+
+double rate_or_default(double rate_hz) { return rate_hz > 0.0 ? rate_hz : kDefaultRateHz; }
+
+std::int64_t utc_now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+class PacedCamera final : public Camera {
+ public:
+  PacedCamera(std::unique_ptr<FrameSource> source, double rate_hz, std::string description,
+              ThreadStart thread_start)
+      : source_(std::move(source)),
+        period_(std::chrono::duration_cast<Clock::duration>(
+            std::chrono::duration<double>(1.0 / rate_hz))),
+        description_(std::move(description)),
+        thread_start_(std::move(thread_start)),
+        scratch_(source_->format()) {}
+  ~PacedCamera() override { stop(); }
+  PacedCamera(const PacedCamera&) = delete;
+  PacedCamera& operator=(const PacedCamera&) = delete;
+
+  const FrameFormat& format() const override { return source_->format(); }
+  std::string description() const override { return description_; }
+  std::vector<std::string> notes() const override { return {}; }
+
+  void start(FrameExchange& exchange) override {
+    stop();
+    stopping_ = false;
+    thread_ = std::thread([this, &exchange] { send(exchange); });
+  }
+
+  void stop() noexcept override {
+    stopping_ = true;
+    if (thread_.joinable()) thread_.join();
+  }
+
+  std::string failure() const override {
+    const std::lock_guard lock(mutex_);
+    return failure_;
+  }
+
+  FrameCounts counts() const override {
+    FrameCounts counts;
+    counts.delivered = delivered_.load(std::memory_order_relaxed);
+    counts.lost = counts.no_buffer = lost_.load(std::memory_order_relaxed);
+    return counts;
+  }
+
+ private:
+  void send(FrameExchange& exchange) {
+    if (thread_start_) thread_start_();
+    try {
+      Clock::time_point due = Clock::now();
+      FrameBuffer* buffer = exchange.empty();
+      bool first = true;
+      bool gap = false;
+      while (!stopping_) {
+        if (buffer == nullptr) buffer = exchange.empty();
+        FrameBuffer& into = buffer != nullptr ? *buffer : scratch_;
+        if (source_->next(into) == Delivery::kEnd) break;
+        std::this_thread::sleep_until(due);
+        // A rate that cannot be kept is not caught up with in a burst.
+        due = std::max(due + period_, Clock::now() - period_);
+        const std::int64_t sequence = next_sequence_++;
+        if (buffer == nullptr) {
+          lost_.fetch_add(1, std::memory_order_relaxed);
+          gap = true;
+          continue;
+        }
+        FrameHeader& header = buffer->header;
+        header.sequence = sequence;
+        header.renumbered = std::exchange(first, false);
+        header.received_ns = utc_now_ns();
+        header.received = Clock::now();
+        header.status = std::exchange(gap, false) ? kFrameGapBefore : kFrameOk;
+        delivered_.fetch_add(1, std::memory_order_relaxed);
+        buffer = exchange.deliver(buffer);
+      }
+    } catch (const std::exception& error) {
+      const std::lock_guard lock(mutex_);
+      failure_ = error.what();
+    }
+    exchange.close();
+  }
+
+  std::unique_ptr<FrameSource> source_;
+  Clock::duration period_;
+  std::string description_;
+  ThreadStart thread_start_;
+  FrameBuffer scratch_;  ///< takes the frames for which there is no buffer
+  std::thread thread_;
+  std::atomic<bool> stopping_{false};
+  std::atomic<std::int64_t> delivered_{0};
+  std::atomic<std::int64_t> lost_{0};
+  std::int64_t next_sequence_ = 0;
+  mutable std::mutex mutex_;
+  std::string failure_;
+};
+
+/// Frames in memory, over and over.
+class LoopSource final : public FrameSource {
+ public:
+  LoopSource(FrameSource& source, std::int64_t frames) : format_(source.format()) {
+    for (std::int64_t i = 0; i < frames; ++i) {
+      auto frame = std::make_unique<FrameBuffer>(format_);
+      if (source.next(*frame) == Delivery::kEnd) break;
+      frames_.push_back(std::move(frame));
+    }
+  }
+  const FrameFormat& format() const override { return format_; }
+  std::int64_t frame_count() const override { return -1; }
+  Delivery next(FrameBuffer& into) override {
+    FrameBuffer& frame = *frames_[next_];
+    next_ = (next_ + 1) % frames_.size();
+    std::copy_n(frame.data(), format_.bytes(), into.data());
+    into.header = frame.header;
+    into.rows_ready = format_.rows;
+    return Delivery::kFrame;
+  }
+
+ private:
+  FrameFormat format_;
+  std::vector<std::unique_ptr<FrameBuffer>> frames_;
+  std::size_t next_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<Camera> make_paced_camera(std::unique_ptr<FrameSource> source, double rate_hz,
+                                          std::string description, ThreadStart thread_start) {
+  return std::make_unique<PacedCamera>(std::move(source), rate_or_default(rate_hz),
+                                       std::move(description), std::move(thread_start));
+}
+
+std::unique_ptr<Camera> open_file_camera(const std::string& path, double rate_hz,
+                                         const ThreadStart& thread_start) {
+  return make_paced_camera(std::make_unique<FitsSource>(std::vector<std::string>{path}), rate_hz,
+                           "recording " + path, thread_start);
+}
+
+SimulatorOptions simulated_camera_options(const std::string& preset) {
+  SimulatorOptions options;
+  options.frames = -1;
+  add_preset(preset, {}, options);
+  return options;
+}
+
+std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, double rate_hz,
+                                              const ThreadStart& thread_start) {
+  Simulator simulator(simulated_camera_options(preset));
+  return make_paced_camera(std::make_unique<LoopSource>(simulator, kFramesDrawn), rate_hz,
+                           "simulated camera, preset " + preset, thread_start);
+}
+
+}  // namespace curlew

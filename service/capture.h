@@ -1,0 +1,16 @@
+// Capture: a few frames straight from a camera into a recording, for calibration.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "acquisition/camera_options.h"
+
+namespace curlew {
+
+/// Writes `frames` frames to the recording at path. Frames the disk is too slow for are passed
+/// over. Failure where the camera is not there, stops sending, or the file cannot be written; then
+/// nothing is left.
+void capture_frames(const CameraOptions& options, std::int64_t frames, const std::string& path);
+
+}  // namespace curlew

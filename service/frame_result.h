@@ -1,0 +1,33 @@
+// FrameResult: what a frame gave, copied out of its slot for those who write or send it.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "core/frame.h"
+#include "core/vortex.h"
+#include "service/stages.h"
+
+namespace curlew {
+
+struct FrameResult {
+  /// capacity: the most vortices it can hold; more are counted in vortices.overflow().
+  explicit FrameResult(std::size_t capacity) : vortices(capacity) {}
+
+  /// Once the frame's latency is complete. Never allocates.
+  void copy(const FrameSlot& slot, std::int64_t frames_dropped) noexcept {
+    frame_index = slot.frame_index;
+    header = slot.frame->header;
+    latency = slot.latency;
+    vortices.assign(slot.vortices);
+    dropped = frames_dropped;
+  }
+
+  std::int64_t frame_index = 0;
+  FrameHeader header;
+  FrameLatency latency;
+  VortexList vortices;
+  std::int64_t dropped = 0;  ///< frames lost so far
+};
+
+}  // namespace curlew

@@ -1,0 +1,70 @@
+// LiveStatistics: what the last second of results was like, told from the publisher's thread to
+// whoever shows it.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+
+#include "core/latency_histogram.h"
+#include "core/side_queue.h"
+#include "service/stages.h"
+
+namespace curlew {
+
+/// About a second of results.
+struct StatusWindow {
+  std::int64_t frames = 0;
+  std::int64_t vortices_now = 0;  ///< of the last frame
+  std::int64_t late = 0;          ///< missed the deadline
+  double seconds = 0.0;
+  std::int64_t p50_ns = 0;  ///< received → results
+  std::int64_t p99_ns = 0;
+  std::int64_t max_ns = 0;
+};
+
+class LiveStatistics {
+ public:
+  LiveStatistics() : windows_(8, [] { return std::make_unique<StatusWindow>(); }) {}
+
+  /// Publisher's thread, once a frame; never waits or allocates.
+  void add(const FrameSlot& slot) noexcept {
+    ++current_.frames;
+    current_.vortices_now = static_cast<std::int64_t>(slot.vortices.size());
+    current_.late += (slot.frame->header.status & kFrameLate) != 0 ? 1 : 0;
+    latency_.record(slot.latency.total_ns);
+    const auto now = std::chrono::steady_clock::now();
+    const std::chrono::duration<double> elapsed = now - since_;
+    if (elapsed.count() < 1.0) return;
+    current_.seconds = elapsed.count();
+    current_.p50_ns = latency_.percentile_ns(0.5);
+    current_.p99_ns = latency_.percentile_ns(0.99);
+    current_.max_ns = latency_.max_ns();
+    if (StatusWindow* window = windows_.claim()) {
+      *window = current_;
+      windows_.send(window);
+    }
+    current_ = {};
+    latency_ = {};
+    since_ = now;
+  }
+
+  /// The other thread: the newest window since the last call; false where there is none.
+  bool take(StatusWindow& window) noexcept {
+    bool any = false;
+    StatusWindow* taken = nullptr;
+    while (windows_.take_for(taken, 0)) {
+      window = *taken;
+      windows_.give_back(taken);
+      any = true;
+    }
+    return any;
+  }
+
+ private:
+  SideQueue<StatusWindow> windows_;
+  StatusWindow current_;
+  LatencyHistogram latency_;
+  std::chrono::steady_clock::time_point since_ = std::chrono::steady_clock::now();
+};
+
+}  // namespace curlew

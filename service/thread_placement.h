@@ -1,0 +1,34 @@
+// ThreadPlacement: which CPUs and what priority the pipeline's threads get, and what was refused.
+#pragma once
+
+#include <cstddef>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "service/pipeline.h"
+
+namespace curlew {
+
+class ThreadPlacement {
+ public:
+  /// cpus: given to the threads in turn; empty: any. priority: SCHED_FIFO, 0: ordinary.
+  ThreadPlacement(std::vector<int> cpus, int priority);
+
+  /// For the pipeline. This object must outlive it.
+  PipelineThreadStart thread_start();
+
+  /// One sentence for each thing that was refused.
+  std::vector<std::string> refused() const;
+
+  /// "none", "cpu 0 1", or that the system refused.
+  std::string description() const;
+
+ private:
+  std::vector<int> cpus_;
+  int priority_;
+  mutable std::mutex mutex_;  // threads start, and are asked about, at different times
+  std::vector<std::string> refused_;
+};
+
+}  // namespace curlew
