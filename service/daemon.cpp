@@ -67,6 +67,7 @@ Daemon::Daemon(std::function<Config()> configure, DaemonLimits limits)
 Daemon::~Daemon() = default;
 
 DaemonReport Daemon::run() {
+  spdlog::info("state={} {}", name_of(state_), config_.camera.source);
   std::unique_ptr<UsbWatcher> usb;
   if (comes_and_goes(config_.camera))
     usb = std::make_unique<UsbWatcher>([this](UsbChange change) {

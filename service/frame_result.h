@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "core/frame.h"
+#include "core/lenslet_grid.h"
 #include "core/vortex.h"
 #include "service/stages.h"
 
@@ -19,6 +20,8 @@ struct FrameResult {
     frame_index = slot.frame_index;
     header = slot.frame->header;
     latency = slot.latency;
+    grid = slot.plan->grid;
+    n_valid = slot.slopes.n_valid;
     vortices.assign(slot.vortices);
     dropped = frames_dropped;
   }
@@ -26,6 +29,8 @@ struct FrameResult {
   std::int64_t frame_index = 0;
   FrameHeader header;
   FrameLatency latency;
+  LensletGrid grid;
+  int n_valid = 0;  ///< lenslets with a slope
   VortexList vortices;
   std::int64_t dropped = 0;  ///< frames lost so far
 };

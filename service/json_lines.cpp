@@ -1,7 +1,7 @@
 #include "service/json_lines.h"
 
+#include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -11,12 +11,14 @@
 namespace curlew {
 namespace {
 
-/// Numbers as short as a float needs, and never NaN: JSON has none.
+/// The shortest decimals that read back as the same float; never NaN: JSON has none.
 nlohmann::json number(float value) {
   if (!std::isfinite(value)) return nullptr;
   char text[32];
-  std::snprintf(text, sizeof text, "%.7g", static_cast<double>(value));
-  return std::stod(text);
+  const auto end = std::to_chars(text, text + sizeof text, value);
+  double shortest = 0.0;
+  std::from_chars(text, end.ptr, shortest);
+  return shortest;
 }
 
 nlohmann::json microseconds(std::int64_t ns) { return static_cast<double>(ns) / 1000.0; }
@@ -52,14 +54,22 @@ void JsonLines::add(const FrameResult& result) {
   line["camera_ns"] = header.camera_ns;
   line["received_ns"] = header.received_ns;
   line["dropped"] = result.dropped;
+  line["status"] = header.status;
+  line["n_valid"] = result.n_valid;
   auto& vortices = line["vortices"] = nlohmann::ordered_json::array();
-  for (const Vortex& v : result.vortices)
+  for (const Vortex& v : result.vortices) {
+    const auto pixel =
+        result.grid.pixel_from_lenslet(static_cast<double>(v.x), static_cast<double>(v.y));
     vortices.push_back({{"x", number(v.x)},
                         {"y", number(v.y)},
                         {"charge", v.charge},
                         {"circulation", number(v.circulation)},
                         {"significance", number(v.significance)},
+                        {"x_px", pixel[0]},
+                        {"y_px", pixel[1]},
+                        {"flags", v.flags},
                         {"track", v.track}});
+  }
   auto& latency = line["latency_us"] = nlohmann::ordered_json::object();
   for (std::size_t stage = 0; stage < kStageCount; ++stage)
     latency[kStages[stage].name] = microseconds(result.latency.stage_ns[stage]);
