@@ -1,0 +1,243 @@
+// The live path inside one process: a camera that does not wait, the feed, plans that change.
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <cstring>
+#include <thread>
+
+#include "acquisition/paced_camera.h"
+#include "acquisition/simulator.h"
+#include "service/live_feed.h"
+#include "service/pipeline.h"
+#include "tests/support/simulated_sensor.h"
+
+namespace curlew {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr int kWindow = 8;
+
+SimulatorOptions one_vortex() {
+  SimulatorOptions options;
+  options.rows = options.cols = 12;
+  options.window_px = kWindow;
+  options.frames = -1;
+  options.scene.vortices = {{3.5, 4.5, 1}};
+  options.scene.vortex_amplitude = VortexAmplitude::kLinearCore;
+  options.scene.core_radius = 1.5;
+  return options;
+}
+
+/// The same frame over and over, without end or `count` times.
+class SameFrame final : public FrameSource {
+ public:
+  explicit SameFrame(const SimulatorOptions& options, std::int64_t count = -1) : count_(count) {
+    Simulator simulator(options);
+    frame_ = std::make_unique<FrameBuffer>(simulator.format());
+    simulator.next(*frame_);
+  }
+  const FrameFormat& format() const override { return frame_->format(); }
+  std::int64_t frame_count() const override { return count_; }
+  Delivery next(FrameBuffer& into) override {
+    if (given_ == count_) return Delivery::kEnd;
+    into.header = {.sequence = given_++, .received = std::chrono::steady_clock::now()};
+    std::memcpy(into.data(), frame_->data(), format().bytes());
+    into.rows_ready = format().rows;
+    return Delivery::kFrame;
+  }
+
+ private:
+  std::unique_ptr<FrameBuffer> frame_;
+  std::int64_t count_;
+  std::int64_t given_ = 0;
+};
+
+Config config_of(Threading threads) {
+  Config config;
+  config.pipeline.threads = threads;
+  config.pipeline.slots = 3;
+  return config;
+}
+
+class Live : public ::testing::TestWithParam<Threading> {
+ protected:
+  Live()
+      : simulator_(one_vortex()),
+        sensor_(sensor_of(simulator_, kWindow, 100.0)),
+        config_(config_of(GetParam())),
+        pipeline_(plan(config_), config_.pipeline) {}
+
+  std::shared_ptr<const Plan> plan(const Config& config) const {
+    return std::make_shared<const Plan>(sensor_, simulator_.format(), config);
+  }
+  std::unique_ptr<Camera> camera(double rate_hz, std::int64_t frames = -1) const {
+    return make_paced_camera(std::make_unique<SameFrame>(one_vortex(), frames), rate_hz, "test",
+                             {});
+  }
+
+  Simulator simulator_;
+  Sensor sensor_;
+  Config config_;
+  Pipeline pipeline_;
+  FeedControl control_;
+};
+
+// Ten frames come while one is worked on. Memory is that of the buffers made at the start.
+TEST_P(Live, ASlowConsumerGetsTheNewestFrameAndEveryDropIsCounted) {
+  const auto source = camera(1000.0);
+  const std::size_t in_pipeline = GetParam() == Threading::kInline ? 1 : config_.pipeline.slots;
+  FrameExchange exchange(source->format(), in_pipeline + 4);
+  LiveFeed feed(exchange, {.end_index = 60}, control_);
+  std::int64_t sum_of_gaps = 0;
+  std::int64_t last = -1;
+  Publisher publisher;
+  publisher.publish = [&](const FrameSlot& slot) {
+    const std::int64_t sequence = slot.frame->header.sequence;
+    ASSERT_GT(sequence, last);
+    if (last >= 0) sum_of_gaps += sequence - last - 1;
+    last = sequence;
+    EXPECT_EQ(slot.vortices.size(), 1U);
+    std::this_thread::sleep_for(milliseconds(10));
+  };
+  RunReport report;
+  {
+    const Streaming streaming(*source, exchange);
+    report = pipeline_.run(feed, publisher);
+  }
+  EXPECT_EQ(feed.end(), LiveFeed::End::kLimit);
+  EXPECT_EQ(report.frames, 60);
+  EXPECT_EQ(source->counts().lost, 0) << "the camera always had a buffer";
+  EXPECT_EQ(source->counts().delivered, exchange.delivered());
+  EXPECT_GT(exchange.superseded(), 60) << "it must have been slow";
+  const std::int64_t unprocessed = exchange.delivered() - exchange.superseded() - report.frames;
+  EXPECT_TRUE(unprocessed == 0 || unprocessed == 1) << unprocessed;
+  // What the numbering says is missing is what was superseded before the last result.
+  EXPECT_EQ(report.dropped, sum_of_gaps);
+  EXPECT_LE(sum_of_gaps, exchange.superseded());
+  // A frame waits for as many results as there are slots, and one more; ten times that is a hang.
+  EXPECT_LT(report.total.percentile_ns(0.5), 10 * 11'000'000 * static_cast<long>(in_pipeline + 1));
+}
+
+// The camera is faster than its consumer and ends: nothing is taken twice or lost uncounted.
+TEST_P(Live, DeliveredIsResultsPlusSupersededPlusWhatWasLeft) {
+  const auto source = camera(20000.0, 3000);
+  FrameExchange exchange(source->format(), 8);
+  LiveFeed feed(exchange, {}, control_);
+  RunReport report;
+  {
+    const Streaming streaming(*source, exchange);
+    report = pipeline_.run(feed, {});
+  }
+  EXPECT_EQ(feed.end(), LiveFeed::End::kClosed);
+  EXPECT_EQ(source->failure(), "");
+  const FrameCounts counts = source->counts();
+  EXPECT_EQ(counts.delivered + counts.lost, 3000);
+  EXPECT_EQ(counts.delivered, report.frames + exchange.superseded())
+      << "the last frame is never superseded and is taken after the end";
+}
+
+TEST_P(Live, EndsWhereNoFrameComes) {
+  FrameExchange exchange(simulator_.format(), 8);
+  LiveFeed feed(exchange, {.timeout_s = 0.1}, control_);
+  EXPECT_EQ(pipeline_.run(feed, {}).frames, 0);
+  EXPECT_EQ(feed.end(), LiveFeed::End::kTimedOut);
+}
+
+TEST_P(Live, StopsWhenAskedTo) {
+  const auto source = camera(1000.0);
+  FrameExchange exchange(source->format(), 8);
+  LiveFeed feed(exchange, {}, control_);
+  std::thread stopper([&] {
+    std::this_thread::sleep_for(milliseconds(50));
+    control_.stop = true;
+  });
+  {
+    const Streaming streaming(*source, exchange);
+    pipeline_.run(feed, {});
+  }
+  stopper.join();
+  EXPECT_EQ(feed.end(), LiveFeed::End::kStopped);
+}
+
+// New plans arrive as fast as they are taken up, while frames stream. Every result is wholly one
+// plan's, and no frame is lost for it.
+TEST_P(Live, PlansChangeBetweenFrames) {
+  Config blind = config_;
+  blind.detect.min_circulation_rad = 99.0;
+  const auto sees = plan(config_);
+  const auto sees_not = plan(blind);
+  const auto source = camera(2000.0);
+  FrameExchange exchange(source->format(), config_.pipeline.slots + 4);
+  LiveFeed feed(exchange, {}, control_);
+  std::int64_t with = 0;
+  std::int64_t without = 0;
+  std::int64_t changes = 0;
+  const Plan* last = nullptr;
+  Publisher publisher;
+  publisher.publish = [&](const FrameSlot& slot) {
+    changes += std::exchange(last, slot.plan) != slot.plan ? 1 : 0;
+    const bool blinded = slot.plan == sees_not.get();
+    EXPECT_EQ(slot.vortices.size(), blinded ? 0U : 1U);
+    ++(blinded ? without : with);
+  };
+  std::thread reloading([&] {
+    for (int taken_up = 0; taken_up < 40;) {
+      if (pipeline_.adopt(taken_up % 2 == 0 ? sees_not : sees)) ++taken_up;
+      std::this_thread::sleep_for(milliseconds(1));
+    }
+    control_.stop = true;
+  });
+  RunReport report;
+  {
+    const Streaming streaming(*source, exchange);
+    report = pipeline_.run(feed, publisher);
+  }
+  reloading.join();
+  EXPECT_GT(with, 0);
+  EXPECT_GT(without, 0);
+  EXPECT_GE(changes, 20) << "the plans must really have changed";
+  EXPECT_EQ(source->counts().lost, 0);
+  const std::int64_t unprocessed = exchange.delivered() - exchange.superseded() - report.frames;
+  EXPECT_TRUE(unprocessed == 0 || unprocessed == 1) << unprocessed;
+}
+
+TEST_P(Live, APlanGivenBetweenRunsIsTakenUpAtOnce) {
+  Config blind = config_;
+  blind.detect.min_circulation_rad = 99.0;
+  ASSERT_TRUE(pipeline_.adopt(plan(blind)));
+  SameFrame source(one_vortex(), 5);
+  RecordedFeed feed(source, {});
+  EXPECT_EQ(pipeline_.run(feed, {}).vortices, 0);
+  ASSERT_TRUE(pipeline_.adopt(plan(config_)));
+  SameFrame again(one_vortex(), 5);
+  RecordedFeed second(again, {});
+  EXPECT_EQ(pipeline_.run(second, {}).vortices, 5);
+}
+
+TEST_P(Live, MissedDeadlinesAreCountedAndMarked) {
+  for (const double deadline_us : {0.001, 60e6}) {
+    config_.pipeline.deadline_us = deadline_us;
+    Pipeline pipeline(plan(config_), config_.pipeline);
+    SameFrame source(one_vortex(), 20);
+    RecordedFeed feed(source, {});
+    std::int64_t marked = 0;
+    Publisher publisher;
+    publisher.publish = [&](const FrameSlot& slot) {
+      marked += (slot.frame->header.status & kFrameLate) != 0 ? 1 : 0;
+    };
+    const RunReport report = pipeline.run(feed, publisher);
+    EXPECT_EQ(report.late, marked);
+    EXPECT_EQ(report.late, deadline_us < 1.0 ? 20 : 0) << deadline_us;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Modes, Live, ::testing::Values(Threading::kInline, Threading::kPerStage),
+                         [](const auto& mode) {
+                           return std::string(mode.param == Threading::kInline ? "inline"
+                                                                               : "per_stage");
+                         });
+
+}  // namespace
+}  // namespace curlew
