@@ -38,6 +38,11 @@ class ProcessRealtime {
   const std::vector<std::string>& refused() const { return refused_; }
 
  private:
+  void use_huge_pages();
+  void lock_memory();
+  void hold_c_states(int max_wakeup_us);
+
+  bool locked_ = false;
   int latency_device_ = -1;  ///< open as long as the hold lasts
   std::vector<std::string> got_;
   std::vector<std::string> refused_;

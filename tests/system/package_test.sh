@@ -1,0 +1,118 @@
+#!/usr/bin/env bash
+# package_test.sh <build directory>: the Debian package installs, runs, keeps what is the user's and
+# leaves nothing behind. In an overlay over this machine's root, so that the machine stays as it is.
+set -euo pipefail
+build=$(realpath "$1")
+
+skip() { echo "skipped: $*"; exit 77; }
+fail() { echo "FAILED: $*" >&2; exit 1; }
+
+if [ "${2:-}" != inside ]; then
+  [ "$(id -u)" -eq 0 ] || skip "not root"
+  for tool in cpack dpkg dpkg-shlibdeps systemd-analyze systemd-sysusers unshare setpriv; do
+    command -v "$tool" >/dev/null || skip "no $tool"
+  done
+  [ -x "$build/curlew" ] || fail "$build/curlew is not built"
+  dpkg-query -W curlew >/dev/null 2>&1 && skip "curlew is installed on this machine"
+  scratch=$(mktemp -d)
+  trap 'rm -rf "$scratch"' EXIT
+  mkdir "$scratch/deb"
+  cpack --config "$build/CPackConfig.cmake" -B "$scratch/deb" >"$scratch/cpack.log" 2>&1 ||
+    { cat "$scratch/cpack.log"; fail "cpack"; }
+  # In a mount namespace of its own: its mounts go with it.
+  code=0
+  unshare --mount bash -s -- "$scratch" "$build" "$(realpath "$0")" <<'INSIDE' || code=$?
+set -eu
+scratch=$1
+mkdir "$scratch/changes" "$scratch/root"
+mount -t tmpfs none "$scratch/changes" || exit 77
+mkdir "$scratch/changes/upper" "$scratch/changes/work"
+mount -t overlay none "$scratch/root" \
+  -o "lowerdir=/,upperdir=$scratch/changes/upper,workdir=$scratch/changes/work" || exit 77
+mkdir -p "$scratch/root/package"
+cp "$scratch"/deb/*.deb "$3" "$scratch/root/package/"
+for folder in proc sys dev; do mount --rbind "/$folder" "$scratch/root/$folder"; done
+mount -t tmpfs none "$scratch/root/tmp"
+mount -t tmpfs none "$scratch/root/run"
+chroot "$scratch/root" bash /package/package_test.sh /package inside
+INSIDE
+  [ "$code" -ne 77 ] || skip "no overlay file system"
+  exit "$code"
+fi
+
+# Inside: / is a copy that nobody keeps.
+cd /package
+export LC_ALL=C
+deb=$(echo curlew_*.deb)
+unit=/usr/lib/systemd/system/curlew.service
+quietly() { "$@" >/tmp/log 2>&1 || { cat /tmp/log; fail "$*"; }; }
+purge() { quietly dpkg --purge curlew; }
+# All that is called after curlew, and the accounts.
+traces() {
+  find /etc /usr /var /opt -xdev -name '*curlew*' ! -path '/var/log/*' ! -path "/var/cache/*" \
+    2>/dev/null | sort
+  getent passwd curlew || true
+  getent group | grep curlew || true
+}
+before=$(traces)
+
+echo "== $deb, $(stat -c %s "$deb") bytes, unpacked $(dpkg-deb -f "$deb" Installed-Size) kB"
+dpkg-deb -f "$deb" Depends
+[[ $(dpkg-deb -f "$deb" Depends) != *-dev* ]] || fail "it needs headers"
+for library in libaravis libusb libcfitsio libsystemd; do
+  [[ $(dpkg-deb -f "$deb" Depends) == *$library* ]] || fail "it does not say it needs $library"
+done
+dpkg-deb -c "$deb" | awk '$1 !~ /^d/ {print $2, $6}' | sort -k2 >/tmp/content
+cat /tmp/content
+if grep -v '^root/root ' /tmp/content; then fail "files of somebody's own"; fi
+if grep -E '\.(h|a|so|cmake|pc)$' /tmp/content; then fail "a file for developers"; fi
+
+echo "== install"
+quietly dpkg -i "$deb"
+for file in /usr/bin/curlew $unit /etc/curlew/curlew.toml /usr/lib/sysusers.d/curlew.conf \
+  /usr/lib/sysctl.d/90-curlew.conf /usr/lib/udev/rules.d/70-curlew-cameras.rules \
+  /usr/lib/udev/rules.d/71-curlew-realtime.rules; do
+  [ -f "$file" ] || fail "$file is missing"
+  [ "$(stat -c %U "$file")" = root ] || fail "$file is not root's"
+done
+getent passwd curlew >/dev/null || fail "no user curlew"
+id -nG curlew | grep -qw plugdev || fail "curlew may not open cameras"
+if find /etc/systemd -name '*curlew*' | grep .; then fail "the service is enabled"; fi
+quietly dpkg --audit
+
+echo "== run"
+quietly curlew --version
+quietly curlew doctor --config /etc/curlew/curlew.toml --seconds 0.1
+grep -q 'ready for real time' /tmp/log || fail "doctor has no opinion"
+quietly setpriv --reuid curlew --regid curlew --init-groups \
+  curlew doctor --config /etc/curlew/curlew.toml --seconds 0.1
+
+echo "== unit"
+quietly systemd-analyze verify $unit
+if [ -s /tmp/log ]; then cat /tmp/log; fail "systemd-analyze verify has remarks"; fi
+# What is left is what cameras and real time need, see the unit.
+bound=2.0
+systemd-analyze security --offline=true --no-pager $unit | grep 'exposure level'
+systemd-analyze security --offline=true --threshold=20 --no-pager $unit >/dev/null ||
+  fail "the unit's exposure is above $bound"
+
+echo "== what is the user's stays"
+echo '# mine' >>/etc/curlew/curlew.toml
+quietly dpkg -i "$deb"
+grep -q '# mine' /etc/curlew/curlew.toml || fail "an edited configuration was replaced"
+quietly dpkg --remove curlew
+[ ! -e /usr/bin/curlew ] || fail "removed, and still there"
+grep -q '# mine' /etc/curlew/curlew.toml || fail "a removed package took its configuration along"
+install -d -o curlew /var/lib/curlew
+echo frames >/var/lib/curlew/recording.fits
+purge
+[ "$(cat /var/lib/curlew/recording.fits)" = frames ] || fail "recordings were deleted"
+[ "$(stat -c %U /var/lib/curlew)" = curlew ] || fail "recordings lost their owner"
+
+echo "== nothing else stays"
+quietly dpkg -i "$deb"
+rm /var/lib/curlew/recording.fits
+purge
+[ "$(traces)" = "$before" ] || { traces; fail "left behind"; }
+quietly dpkg --audit
+echo "== passed"
