@@ -1,14 +1,13 @@
 #include "acquisition/field.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstddef>
 #include <cstdlib>
 #include <numbers>
 #include <string>
 #include <utility>
 
+#include "acquisition/field_vortices.h"
 #include "core/error.h"
 
 namespace curlew {
@@ -43,67 +42,7 @@ void check_scene(const Scene& scene) {
   }
 }
 
-// Turns (whole) of the phase round (j,i) → (j+1,i) → (j+1,i+1) → (j,i+1), from +x towards +y.
-int winding(const std::array<Complex, 4>& corner) {
-  double sum = 0.0;
-  for (std::size_t c = 0; c < 4; ++c) sum += std::arg(corner[(c + 1) % 4] * std::conj(corner[c]));
-  return static_cast<int>(std::lround(sum / (2.0 * std::numbers::pi)));
-}
-
-double cross(Complex a, Complex b) { return a.real() * b.imag() - a.imag() * b.real(); }
-
-// Where a + b·s + c·t + d·s·t is 0 within the plaquette, (s, t) in [0, 1]²; its middle where
-// rounding hides the zero. Eliminating t leaves a quadratic in s.
-std::pair<double, double> find_bilinear_zero(const std::array<Complex, 4>& corner) {
-  const Complex a = corner[0];
-  const Complex b = corner[1] - corner[0];
-  const Complex c = corner[3] - corner[0];
-  const Complex d = corner[2] - corner[1] - corner[3] + corner[0];
-  const double p0 = cross(a, c);
-  const double p1 = cross(b, c) + cross(a, d);
-  const double p2 = cross(b, d);
-  std::array<double, 2> roots{};
-  std::size_t n_roots = 0;
-  const double discriminant = p1 * p1 - 4.0 * p2 * p0;
-  if (discriminant >= 0.0) {
-    const double q = -0.5 * (p1 + std::copysign(std::sqrt(discriminant), p1));
-    if (p2 != 0.0) roots[n_roots++] = q / p2;
-    if (q != 0.0) roots[n_roots++] = p0 / q;
-  }
-  for (std::size_t r = 0; r < n_roots; ++r) {
-    const double s = roots[r];
-    const Complex along = c + d * s;
-    if (std::norm(along) == 0.0) continue;
-    const double t = -(((a + b * s) * std::conj(along)).real()) / std::norm(along);
-    constexpr double kRounding = 1e-6;
-    if (s > -kRounding && s < 1.0 + kRounding && t > -kRounding && t < 1.0 + kRounding) {
-      return {s, t};
-    }
-  }
-  return {0.5, 0.5};
-}
-
 }  // namespace
-
-std::vector<SceneVortex> find_field_vortices(const SampledField& field) {
-  std::vector<SceneVortex> found;
-  const double n = field.samples_per_lenslet;
-  for (int i = 0; i + 1 < field.values.rows(); ++i) {
-    for (int j = 0; j + 1 < field.values.cols(); ++j) {
-      const std::array<Complex, 4> corner{field.values(i, j), field.values(i, j + 1),
-                                          field.values(i + 1, j + 1), field.values(i + 1, j)};
-      const int charge = winding(corner);
-      if (charge == 0) continue;
-      const auto [s, t] = find_bilinear_zero(corner);
-      SceneVortex vortex;
-      vortex.x = (j + s + 0.5) / n - 0.5;
-      vortex.y = (i + t + 0.5) / n - 0.5;
-      vortex.charge = charge;
-      found.push_back(vortex);
-    }
-  }
-  return found;
-}
 
 Beam::Beam(const Scene& scene, int rows, int cols, int samples, double disc_radius,
            SampledField field)
@@ -112,7 +51,6 @@ Beam::Beam(const Scene& scene, int rows, int cols, int samples, double disc_radi
       cols_(cols),
       samples_(samples),
       disc_radius_(disc_radius),
-      field_(std::move(field)),
       moves_(!scene.vortices.empty() && (scene.velocity_x != 0.0 || scene.velocity_y != 0.0)) {
   check_scene(scene);
   for (const SceneVortex& vortex : scene.vortices) {
@@ -124,6 +62,12 @@ Beam::Beam(const Scene& scene, int rows, int cols, int samples, double disc_radi
   for (const SceneZernike& term : scene.zernikes) {
     modes_.push_back({Zernike(term.noll), term.rms_rad});
   }
+  set_field(std::move(field));
+}
+
+void Beam::set_field(SampledField field) {
+  field_ = std::move(field);
+  field_vortices_.clear();
   if (!field_.values.empty()) field_vortices_ = find_field_vortices(field_);
 }
 
@@ -139,6 +83,7 @@ std::vector<SceneVortex> Beam::vortices(std::int64_t frame) const {
 
 void Beam::sample(int row, int col, std::int64_t frame, Image<std::complex<double>>& field) const {
   const double n = samples_;
+  const int margin = field_.margin_lenslets * samples_;
   const double moved_x = scene_.velocity_x * static_cast<double>(frame);
   const double moved_y = scene_.velocity_y * static_cast<double>(frame);
   const double centre_x = 0.5 * (cols_ - 1);
@@ -165,7 +110,7 @@ void Beam::sample(int row, int col, std::int64_t frame, Image<std::complex<doubl
         value *= u;
       }
       if (!field_.values.empty()) {
-        value *= Complex(field_.values(row * samples_ + i, col * samples_ + j));
+        value *= Complex(field_.values(row * samples_ + margin + i, col * samples_ + margin + j));
       }
       field(i, j) = value;
     }

@@ -49,16 +49,13 @@ struct Scene {
 
 inline constexpr int kMostFieldSamples = 1024;  ///< points per lenslet side
 
-/// A sampled complex field: point (i, j) lies at lenslet units ((j+½)/n − ½, (i+½)/n − ½), n
-/// samples a lenslet.
+/// A sampled complex field: point (i, j) lies at lenslet units ((j+½)/n − ½ − m, (i+½)/n − ½ − m),
+/// n samples a lenslet, m lenslets of margin.
 struct SampledField {
-  Image<std::complex<float>> values;  ///< [rows·n, cols·n]; empty: none
+  Image<std::complex<float>> values;  ///< [(rows+2m)·n, (cols+2m)·n]; empty: none
   int samples_per_lenslet = 0;
+  int margin_lenslets = 0;  ///< known beyond the array, on each side
 };
-
-/// The vortices of a sampled field: the winding of each 2×2 plaquette, placed at the zero of the
-/// field's bilinear interpolation. Each has charge +1 or −1 and α = β = 0 (not measured).
-std::vector<SceneVortex> find_field_vortices(const SampledField& field);
 
 /// Evaluates a scene's field, lenslet by lenslet.
 class Beam {
@@ -69,13 +66,17 @@ class Beam {
   Beam(const Scene& scene, int rows, int cols, int samples, double disc_radius,
        SampledField field = {});
 
-  /// The vortices of the scene at a frame, then those of the sampled field (which do not move).
+  /// Takes another sampled field, of as many points a lenslet.
+  void set_field(SampledField field);
+
+  /// The vortices of the scene at a frame, then those of the sampled field (which do not move), its
+  /// margin included.
   std::vector<SceneVortex> vortices(std::int64_t frame) const;
 
   /// Fills `field` [samples, samples] with lenslet (row, col)'s field in that frame.
   void sample(int row, int col, std::int64_t frame, Image<std::complex<double>>& field) const;
 
-  bool moves() const { return moves_; }  ///< whether frames differ
+  bool moves() const { return moves_; }  ///< whether the scene's own vortices do
 
  private:
   struct Factor {  // a vortex ready for evaluation: u = ξ(x+iy) + ζ(x−iy)

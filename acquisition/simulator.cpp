@@ -76,15 +76,25 @@ void normalise_power(const SimulatorOptions& o, SampledField& field) {
   for (auto& value : field.values) value *= scale;
 }
 
-// Checks what the user asked for and reads the field file, which decides how finely lenslets are
-// sampled.
+// Checks what the user asked for and reads the field file. It or the turbulence's grid decides how
+// finely lenslets are sampled.
 SampledField resolve(SimulatorOptions& o) {
   check_simulator_options(o);
+  if (o.turbulence) {
+    const PropagationGrid grid = propagation_grid(o);
+    o.field_samples = grid.samples_per_lenslet * grid.finer;
+    return {};
+  }
   if (o.scene.field_file.empty()) return {};
   SampledField field = read_sampled_field(o.scene.field_file, o.rows, o.cols);
   o.field_samples = field.samples_per_lenslet;
   normalise_power(o, field);
   return field;
+}
+
+std::optional<Propagation> make_propagation(const SimulatorOptions& o) {
+  if (!o.turbulence) return std::nullopt;
+  return Propagation(*o.turbulence, o.rows, o.cols, least_field_samples(o), o.seed);
 }
 
 }  // namespace
@@ -98,22 +108,16 @@ Simulator::Simulator(const SimulatorOptions& options, SampledField field)
       optics_(make_optics(options)),
       detector_(make_detector(options)),
       lit_(find_lit_lenslets(options)),
+      propagation_(make_propagation(options)),
       beam_(options.scene, options.rows, options.cols, options.field_samples,
             pupil_disc_radius(options), std::move(field)),
       lenslet_optics_(options.field_samples, options.samples_per_lambda_w,
                       options.window_px + 2 * stray_margin_px(options)),
-      electrons_(is_noisy(options) ? options.photons : 1.0),
+      electrons_(is_noisy(options) ? options.photons : 0.0),
       lenslet_field_(options.field_samples, options.field_samples),
       patch_(lenslet_optics_.patch_px(), lenslet_optics_.patch_px()),
       expected_e_(format_.rows, format_.cols) {
-  if (!is_noisy(options)) {
-    options_.background_e = 0.0;
-    compute_expected_image(0);
-    const auto peak =
-        static_cast<double>(*std::max_element(expected_e_.begin(), expected_e_.end()));
-    const double range_adu = detector_.saturation_adu - options_.bias_adu;
-    if (peak > 0.0) electrons_ = kNoiseFreePeak * range_adu * options_.e_per_adu / peak;
-  }
+  if (!is_noisy(options)) options_.background_e = 0.0;
   compute_expected_image(0);
 }
 
@@ -127,7 +131,7 @@ void Simulator::render(std::int64_t frame, FrameBuffer& into) {
   if (into.format().bytes() != format_.bytes()) {
     throw Failure("the frame buffer is not of the simulated frames' size; make it from format()");
   }
-  if (beam_.moves() && frame != expected_frame_) compute_expected_image(frame);
+  expected_image_e(frame);
   const bool saturated = format_.pixel_type == PixelType::kU8
                              ? expose(frame, reinterpret_cast<std::uint8_t*>(into.data()))
                              : expose(frame, reinterpret_cast<std::uint16_t*>(into.data()));
@@ -150,7 +154,8 @@ LensletGrid Simulator::grid() const {
   return grid;
 }
 
-std::vector<TruthVortex> Simulator::truth(std::int64_t frame) const {
+std::vector<TruthVortex> Simulator::truth(std::int64_t frame) {
+  move_beam_to(frame);
   const std::vector<SceneVortex> all = beam_.vortices(frame);
   std::vector<TruthVortex> seen;
   for (const SceneVortex& vortex : all) {
@@ -170,12 +175,22 @@ std::vector<TruthVortex> Simulator::truth(std::int64_t frame) const {
 }
 
 const Image<float>& Simulator::expected_image_e(std::int64_t frame) {
-  if (beam_.moves() && frame != expected_frame_) compute_expected_image(frame);
+  const bool changes = beam_.moves() || propagation_.has_value();
+  if (changes && frame != expected_frame_) compute_expected_image(frame);
   return expected_e_;
 }
 
+void Simulator::move_beam_to(std::int64_t frame) {
+  if (!propagation_ || frame == beam_frame_) return;
+  SampledField field;
+  propagation_->propagate(frame, field);
+  beam_.set_field(std::move(field));
+  beam_frame_ = frame;
+}
+
 void Simulator::compute_expected_image(std::int64_t frame) {
-  expected_e_.fill(static_cast<float>(options_.background_e));
+  move_beam_to(frame);
+  expected_e_.fill(0.0F);
   const int margin = (lenslet_optics_.patch_px() - options_.window_px) / 2;
   for (int row = 0; row < options_.rows; ++row) {
     for (int col = 0; col < options_.cols; ++col) {
@@ -187,10 +202,19 @@ void Simulator::compute_expected_image(std::int64_t frame) {
       for (int i = 0; i < patch_.rows(); ++i) {
         for (int j = 0; j < patch_.cols(); ++j) {
           if (!expected_e_.contains(top + i, left + j)) continue;
-          expected_e_(top + i, left + j) += static_cast<float>(electrons_ * patch_(i, j));
+          expected_e_(top + i, left + j) += static_cast<float>(patch_(i, j));
         }
       }
     }
+  }
+  if (electrons_ == 0.0 || (propagation_ && !is_noisy(options_))) {
+    const auto peak =
+        static_cast<double>(*std::max_element(expected_e_.begin(), expected_e_.end()));
+    const double range_adu = detector_.saturation_adu - options_.bias_adu;
+    electrons_ = peak > 0.0 ? kNoiseFreePeak * range_adu * options_.e_per_adu / peak : 1.0;
+  }
+  for (float& value : expected_e_) {
+    value = static_cast<float>(options_.background_e + electrons_ * static_cast<double>(value));
   }
   expected_frame_ = frame;
 }

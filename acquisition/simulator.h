@@ -3,11 +3,13 @@
 
 #include <complex>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "acquisition/field.h"
 #include "acquisition/frame_source.h"
 #include "acquisition/lenslet_optics.h"
+#include "acquisition/propagation.h"
 #include "acquisition/simulator_options.h"
 #include "acquisition/truth.h"
 #include "core/image.h"
@@ -24,8 +26,9 @@ namespace curlew {
 /// pixel ((window_px−1)/2 + col·window_px, (window_px−1)/2 + row·window_px); a slope of s rad per
 /// pitch moves it by s·samples_per_lambda_w/2π pixels.
 ///
-/// The mean image is computed once unless vortices move. Frames carry camera_ns as of a camera of
-/// 1 kHz, and received_ns 0, so that a recording is the same bytes whenever it is made.
+/// The mean image is computed once unless vortices move or there is turbulence. Frames carry
+/// camera_ns as of a camera of 1 kHz, and received_ns 0, so that a recording is the same bytes
+/// whenever it is made.
 ///
 /// The values of a field file are scaled to a mean |field|² of 1 over the lit lenslets.
 class Simulator final : public FrameSource {
@@ -49,11 +52,12 @@ class Simulator final : public FrameSource {
   const Image<std::uint8_t>& lit() const { return lit_; }
 
   /// The vortices of a frame on the array (within half a pitch of a lenslet's centre). The
-  /// separation is to the nearest opposite one, on the array or off it; infinite if there is none.
-  std::vector<TruthVortex> truth(std::int64_t frame) const;
+  /// separation is to the nearest opposite one, on the array or off it (behind turbulence: up to
+  /// 4 pitches off, where the grid goes that far); infinite if there is none.
+  std::vector<TruthVortex> truth(std::int64_t frame);
 
   /// The electrons a lit lenslet gathers where the amplitude is 1: the photons asked for, or what
-  /// the scale of noise-free frames comes to.
+  /// the scale of noise-free frames comes to (behind turbulence: of the latest).
   double electrons_per_lenslet() const { return electrons_; }
 
   /// Mean electrons per pixel, background included, in that frame; [rows, cols] of pixels.
@@ -62,6 +66,7 @@ class Simulator final : public FrameSource {
  private:
   Simulator(const SimulatorOptions& options, SampledField field);
 
+  void move_beam_to(std::int64_t frame);
   void compute_expected_image(std::int64_t frame);
   template <typename Count>
   bool expose(std::int64_t frame, Count* counts) const noexcept;
@@ -71,9 +76,12 @@ class Simulator final : public FrameSource {
   Optics optics_;
   Detector detector_;
   Image<std::uint8_t> lit_;
+  std::optional<Propagation> propagation_;
   Beam beam_;
+  std::int64_t beam_frame_ = -1;  ///< which frame's turbulence the beam has come through
   LensletOptics lenslet_optics_;
-  double electrons_;  ///< per lenslet of unit amplitude
+  double
+      electrons_;  ///< per lenslet of unit amplitude; 0: until an image says what fills the range
   Image<std::complex<double>> lenslet_field_;
   Image<double> patch_;
   Image<float> expected_e_;

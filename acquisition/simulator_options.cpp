@@ -45,9 +45,20 @@ void check_simulator_options(const SimulatorOptions& o) {
   require(o.bias_adu >= 0.0 &&
               o.bias_adu < (o.saturation_adu > 0.0 ? std::floor(o.saturation_adu) : largest),
           "the bias must be 0 ADU or more and below saturation");
+  require(o.scene.field_file.empty() || !o.turbulence,
+          "a field file and turbulence cannot be had at once; leave one out");
 }
 
 bool is_noisy(const SimulatorOptions& o) { return o.photons > 0.0 && std::isfinite(o.photons); }
+
+int least_field_samples(const SimulatorOptions& o) {
+  constexpr int kLeast = 16;
+  return std::max(kLeast, static_cast<int>(std::ceil(o.window_px / o.samples_per_lambda_w)));
+}
+
+PropagationGrid propagation_grid(const SimulatorOptions& o) {
+  return choose_grid(o.turbulence.value(), o.rows, o.cols, least_field_samples(o));
+}
 
 Image<std::uint8_t> find_lit_lenslets(const SimulatorOptions& o) {
   Image<std::uint8_t> lit(o.rows, o.cols, 1);
@@ -68,8 +79,8 @@ double pupil_disc_radius(const SimulatorOptions& o) {
 }
 
 const std::vector<std::string>& simulator_presets() {
-  static const std::vector<std::string> names{"plane",  "tilt",   "zernike",
-                                              "vortex", "dipole", "field"};
+  static const std::vector<std::string> names{"plane",  "tilt",  "zernike",    "vortex",
+                                              "dipole", "field", "turbulence", "chen2007"};
   return names;
 }
 
@@ -98,6 +109,10 @@ void add_preset(std::string_view name, const PresetParameters& p, SimulatorOptio
   } else if (name == "field") {
     require(!p.field_file.empty(), "the preset field needs a FITS file; name one");
     scene.field_file = p.field_file;
+  } else if (name == "turbulence") {
+    options.turbulence = TurbulentPath{};
+  } else if (name == "chen2007") {
+    options.turbulence = chen2007_path();
   } else {
     std::ostringstream message;
     message << "there is no preset '" << name << "'; take one of";

@@ -2,11 +2,13 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "acquisition/field.h"
+#include "acquisition/turbulent_path.h"
 #include "core/image.h"
 #include "core/optics.h"
 
@@ -29,14 +31,16 @@ struct SimulatorOptions {
   int cols = 16;                      ///< lenslets
   int window_px = 8;                  ///< pixels per lenslet side: the pitch on the detector
   double samples_per_lambda_w = 2.0;  ///< pixels per λ/w in the focus: 2 is a pixel of .5 λ/w
-  int field_samples = 32;  ///< field points per lenslet side; a field file brings its own
+  int field_samples =
+      32;  ///< field points per lenslet side; field file and turbulence bring theirs
   PupilShape pupil = PupilShape::kSquare;
   double obscuration = 0.3;  ///< central disc's diameter over the circle's, in [0, 1)
   StrayLight stray_light = StrayLight::kCropped;
 
   /// Mean photo-electrons a lit lenslet gathers, over its whole far field, where the amplitude
   /// is 1. 0 or infinity: frames without any noise or background, scaled so that the brightest
-  /// pixel of frame 0 lies three quarters of the way from bias to saturation.
+  /// pixel of frame 0 (behind turbulence: of each) lies three quarters of the way from bias to
+  /// saturation.
   double photons = 5000.0;
   double background_e = 0.0;    ///< mean background per pixel, electrons, with its photon noise
   double read_noise_e = 1.0;    ///< Gaussian, rms electrons per pixel
@@ -46,8 +50,10 @@ struct SimulatorOptions {
   int bit_depth = 12;           ///< 8 gives u8 frames, 10 to 16 give u16
 
   std::int64_t frames = 1;  ///< how many there are; negative: without end
-  std::uint64_t seed = 1;   ///< of the noise; frame k depends on seed and k alone
+  std::uint64_t seed = 1;   ///< of noise and turbulence; frame k depends on seed and k alone
   Scene scene;              ///< the beam; the default is a plane wave
+  /// What the beam comes through before the scene multiplies it; none: nothing.
+  std::optional<TurbulentPath> turbulence;
 };
 
 /// What the named presets are made from; each reads only its own.
@@ -65,7 +71,7 @@ struct PresetParameters {
   std::string field_file;   ///< `field`: FITS file, see read_sampled_field
 };
 
-/// The presets' names: plane, tilt, zernike, vortex, dipole, field.
+/// The presets' names: plane, tilt, zernike, vortex, dipole, field, turbulence, chen2007.
 const std::vector<std::string>& simulator_presets();
 
 /// Adds a preset to the scene in `options`; what is there already stays, so that presets combine.
@@ -78,6 +84,13 @@ void check_simulator_options(const SimulatorOptions& options);
 
 /// Whether photons, background and read noise are drawn at all.
 bool is_noisy(const SimulatorOptions& options);
+
+/// The grid that turbulence is simulated on; options must have it. Throws as choose_grid does.
+PropagationGrid propagation_grid(const SimulatorOptions& options);
+
+/// The field points a lenslet that turbulence must deliver: the far field is as wide as the window,
+/// and its side lobes about right.
+int least_field_samples(const SimulatorOptions& options);
 
 /// 1 where a lenslet is in the pupil, else 0; [rows, cols].
 Image<std::uint8_t> find_lit_lenslets(const SimulatorOptions& options);

@@ -1,10 +1,13 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
+#include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <map>
 #include <memory>
 #include <numbers>
+#include <optional>
 
 #include "acquisition/recording.h"
 #include "acquisition/simulator.h"
@@ -18,6 +21,24 @@
 namespace curlew {
 namespace {
 
+/// What the user says of the path; the preset says the rest.
+struct TurbulenceOptions {
+  std::optional<double> rytov_variance;
+  std::optional<double> lenslet;
+  std::optional<double> outer_scale;
+  std::optional<double> inner_scale;
+  std::optional<double> waist;
+  std::optional<int> screens;
+  std::optional<int> grid;
+  std::optional<int> grid_samples;
+  std::vector<std::string> wind;
+
+  bool any() const {
+    return rytov_variance || lenslet || outer_scale || inner_scale || waist || screens || grid ||
+           grid_samples || !wind.empty();
+  }
+};
+
 struct SimulateOptions {
   std::string preset = "plane";
   std::string out;
@@ -28,6 +49,7 @@ struct SimulateOptions {
   std::vector<double> at;
   std::vector<double> tilt;
   std::vector<double> velocity;
+  TurbulenceOptions turbulence;
 };
 
 /// "5.5,8,+1,30" → numbers; UsageError names the option.
@@ -65,6 +87,28 @@ SceneZernike zernike_from(const std::string& text) {
   return {whole(v[0], "the Noll index of --zernike"), v[1]};
 }
 
+void complete_path(const TurbulenceOptions& options, std::optional<TurbulentPath>& path) {
+  if (!path) {
+    if (options.any()) {
+      throw UsageError(
+          "an option of the turbulent path needs --preset turbulence or --preset chen2007");
+    }
+    return;
+  }
+  path->rytov_variance = options.rytov_variance.value_or(path->rytov_variance);
+  path->lenslet = options.lenslet.value_or(path->lenslet);
+  path->outer_scale = options.outer_scale.value_or(path->outer_scale);
+  path->inner_scale = options.inner_scale.value_or(path->inner_scale);
+  path->waist = options.waist.value_or(path->waist);
+  path->screens = options.screens.value_or(path->screens);
+  path->grid = options.grid.value_or(path->grid);
+  path->grid_samples = options.grid_samples.value_or(path->grid_samples);
+  for (const std::string& text : options.wind) {
+    const auto v = numbers(text, ',', "--wind", 2, 2, "VX,VY");
+    path->wind.push_back({v[0], v[1]});
+  }
+}
+
 SimulatorOptions simulator_options(const SimulateOptions& options) {
   SimulatorOptions simulator = options.simulator;
   PresetParameters parameters = options.parameters;
@@ -87,13 +131,34 @@ SimulatorOptions simulator_options(const SimulateOptions& options) {
     scene.velocity_x = options.velocity[0];
     scene.velocity_y = options.velocity[1];
   }
+  complete_path(options.turbulence, simulator.turbulence);
   return simulator;
+}
+
+/// Says what turbulence will cost before it is paid.
+void print_grid(const SimulatorOptions& simulator) {
+  const PropagationGrid grid = propagation_grid(simulator);
+  fmt::print("propagation: {} x {} points, {:.3g} x {:.3g} √(λL), {} screens, {:.0f} MB\n",
+             grid.points, grid.points, grid.points * grid.spacing, grid.points * grid.spacing,
+             simulator.turbulence->screens, static_cast<double>(grid.memory_bytes) * 1e-6);
+  std::fflush(stdout);
+}
+
+void print_time(double frame_s, std::int64_t frames) {
+  fmt::print("{:.2g} s a frame, {:.2g} s in all\n", frame_s, frame_s * static_cast<double>(frames));
+  std::fflush(stdout);
 }
 
 void simulate(const SimulateOptions& options) {
   if (options.simulator.frames < 1) throw UsageError("--frames must be at least 1");
   refuse_overwriting(options.out, {options.parameters.field_file});
-  Simulator simulator(simulator_options(options));
+  const SimulatorOptions simulated = simulator_options(options);
+  check_simulator_options(simulated);
+  if (simulated.turbulence) print_grid(simulated);
+  const auto begin = std::chrono::steady_clock::now();
+  Simulator simulator(simulated);  // with its first frame
+  const std::chrono::duration<double> first_frame = std::chrono::steady_clock::now() - begin;
+  if (simulated.turbulence) print_time(first_frame.count(), simulated.frames);
   RecordingWriter recording(options.out, simulator.format(), simulator.optics(),
                             simulator.detector(), kProgram);
   FrameBuffer frame(simulator.format());
@@ -119,6 +184,30 @@ void simulate(const SimulateOptions& options) {
                saturated);
 }
 
+void add_turbulence(CLI::App& command, TurbulenceOptions& path) {
+  const std::string group = "Presets turbulence and chen2007 (lengths across the path in √(λL))";
+  command
+      .add_option("--rytov-variance", path.rytov_variance,
+                  "of a plane wave, 1.23 Cn² k^(7/6) L^(11/6) [turbulence 1, chen2007 1.05]")
+      ->group(group);
+  command.add_option("--lenslet", path.lenslet, "lenslet side, √(λL) [.064, .0795]")->group(group);
+  command.add_option("--outer-scale", path.outer_scale, "L0, √(λL) [400, 397]")->group(group);
+  command.add_option("--inner-scale", path.inner_scale, "l0, √(λL) [.02, .02]")->group(group);
+  command
+      .add_option("--waist", path.waist,
+                  "1/e² radius of a collimated Gaussian beam, √(λL); 0: plane wave [0, 1.19]")
+      ->group(group);
+  command.add_option("--screens", path.screens, "phase screens [10, 10]")->group(group);
+  command.add_option("--grid", path.grid, "points a side; 0: chosen [0, 1024]")->group(group);
+  command.add_option("--grid-samples", path.grid_samples, "points a lenslet; 0: chosen [0, 10]")
+      ->group(group);
+  command
+      .add_option("--wind", path.wind,
+                  "VX,VY in pitches a frame, repeatable: for all screens, or from the first screen "
+                  "to the last. Without it every frame is a realisation of its own")
+      ->group(group);
+}
+
 }  // namespace
 
 void add_simulate(CLI::App& app) {
@@ -133,7 +222,7 @@ void add_simulate(CLI::App& app) {
   command->add_option("--preset", options->preset, presets)->capture_default_str();
   command->add_option("--out", options->out, "the recording (FITS)")->required();
   command->add_option("--frames", simulator.frames, "how many")->capture_default_str();
-  command->add_option("--seed", simulator.seed, "of the noise")->capture_default_str();
+  command->add_option("--seed", simulator.seed, "of noise and turbulence")->capture_default_str();
   command->add_option("--rows", simulator.rows, "lenslet rows")->capture_default_str();
   command->add_option("--cols", simulator.cols, "lenslet columns")->capture_default_str();
   command->add_option("--window", simulator.window_px, "pixels per lenslet side")
@@ -190,6 +279,7 @@ void add_simulate(CLI::App& app) {
   command->add_option("--velocity", options->velocity, "VX,VY of the vortices, pitches a frame")
       ->delimiter(',')
       ->expected(2);
+  add_turbulence(*command, options->turbulence);
   command->callback([options] { simulate(*options); });
 }
 

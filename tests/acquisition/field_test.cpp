@@ -124,7 +124,7 @@ TEST(Beam, RefusesScenesThatMakeNoSense) {
   EXPECT_THROW(Beam(scene, 4, 4, 8, 2.0), UsageError);
 }
 
-// Two vortices of linear amplitude. One alone is bilinear, the other bends it a little.
+// Two vortices of linear amplitude.
 SampledField make_field(int rows, int cols, int n) {
   SampledField field{Image<std::complex<float>>(rows * n, cols * n), n};
   for (int i = 0; i < rows * n; ++i) {
@@ -136,19 +136,6 @@ SampledField make_field(int rows, int cols, int n) {
     }
   }
   return field;
-}
-
-TEST(SampledField, VorticesAreFoundWhereTheFieldIsZero) {
-  const std::vector<SceneVortex> found = find_field_vortices(make_field(4, 4, 8));
-  ASSERT_EQ(found.size(), 2U);
-  // The product's second derivatives are 2 along x and y: interpolation over h = 1/8 is off by
-  // 2·2·h²/8 = .0078, the field's gradient is the other factor, 2.5: .0031 pitches.
-  EXPECT_NEAR(found[0].x, 1.23, 3.2e-3);
-  EXPECT_NEAR(found[0].y, 0.41, 3.2e-3);
-  EXPECT_EQ(found[0].charge, 1);
-  EXPECT_NEAR(found[1].x, 2.5, 3.2e-3);
-  EXPECT_NEAR(found[1].y, 2.6, 3.2e-3);
-  EXPECT_EQ(found[1].charge, -1);
 }
 
 void write_field(const std::string& path, const SampledField& field, std::int64_t planes = 2) {
