@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -54,6 +55,7 @@ FitsFile::Handle::~Handle() {
     std::error_code ignored;
     fs::remove(partial, ignored);
   }
+  std::free(memory);  // cfitsio grew it by realloc
 }
 
 void FitsFile::Handle::fail(const std::string& what) const { throw Failure(path + " " + what); }

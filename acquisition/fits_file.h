@@ -1,6 +1,7 @@
 // FitsFile: one FITS file, open for reading or being written. The only way to cfitsio.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -47,6 +48,9 @@ class FitsFile {
   /// untouched. Links are followed.
   static FitsFile create(const std::string& path);
 
+  /// Starts a file that is only in memory. path: for error messages.
+  static FitsFile create_in_memory(const std::string& path);
+
   FitsFile(FitsFile&&) noexcept;
   FitsFile& operator=(FitsFile&&) noexcept;
   ~FitsFile();
@@ -56,6 +60,10 @@ class FitsFile {
   /// Writes all to disk and gives the file its name; nothing can be written after it. Failure
   /// (with nothing left behind) when the disk is full.
   void commit();
+
+  /// The bytes of a file made by create_in_memory, as they would be on disk. They hold until the
+  /// next call of anything. Selects the last HDU.
+  std::span<const std::byte> memory();
 
   // HDUs ------------------------------------------------------------------------------------
   /// How many HDUs there are. Failure where one of their headers is cut off or damaged.
@@ -80,6 +88,8 @@ class FitsFile {
   /// may hold.
   void write_key(const std::string& name, const KeyValue& value, const std::string& comment = "",
                  const std::string& unit = "");
+  /// The 80 characters of a header card.
+  static std::string card(const std::string& name, std::int64_t value, const std::string& comment);
 
   // Images ----------------------------------------------------------------------------------
   /// The selected image. Refused before anything is allocated: sizes that overflow, a plane
@@ -96,6 +106,10 @@ class FitsFile {
   /// shape: slowest axis first; the slowest may be 0 and grow by resize_planes.
   void create_image(ElementType element, const std::vector<std::int64_t>& shape,
                     const std::string& name = "", const std::string& unit = "");
+  /// As create_image, tile-compressed without loss (Rice), a tile being a plane. Integers only; the
+  /// shape is final. Where it is the file's first HDU an empty primary goes before it.
+  void create_compressed_image(ElementType element, const std::vector<std::int64_t>& shape,
+                               const std::string& unit = "");
   /// T as in read_pixels, converted to the image's type; Failure where a value does not fit.
   /// Writing past the end is allowed in the last HDU if resize_planes follows.
   template <typename T>

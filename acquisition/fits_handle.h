@@ -1,6 +1,7 @@
 // What the three parts of FitsFile share. Does not include cfitsio: only the .cpp files do.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 
@@ -17,7 +18,10 @@ struct FitsFile::Handle {
   void* file = nullptr;  ///< cfitsio's fitsfile*
   std::string path;      ///< as the user wrote it
   std::string target;    ///< the file it names, links followed
-  std::string partial;   ///< what is being written; empty when reading
+  std::string partial;   ///< what is being written; empty when reading or in memory
+
+  void* memory = nullptr;  ///< where a file in memory is, by malloc
+  std::size_t memory_bytes = 0;
 
   bool writing() const { return !partial.empty(); }
   /// Throws the Failure for a cfitsio status other than 0, as one sentence about `doing`

@@ -219,6 +219,21 @@ void FitsFile::create_image(ElementType element, const std::vector<std::int64_t>
   handle_->check(status, "add an image");
 }
 
+void FitsFile::create_compressed_image(ElementType element, const std::vector<std::int64_t>& shape,
+                                       const std::string& unit) {
+  fitsfile* file = cfits(handle_->file);
+  int status = 0;
+  std::array<long, kMostAxes> tile{};
+  tile.fill(1);
+  for (std::size_t i = 0; i < 2; ++i) {
+    tile.at(i) = static_cast<long>(shape.at(shape.size() - 1 - i));
+  }
+  fits_set_compression_type(file, RICE_1, &status);
+  fits_set_tile_dim(file, static_cast<int>(shape.size()), tile.data(), &status);
+  handle_->check(status, "add a compressed image");
+  create_image(element, shape, "", unit);
+}
+
 template <typename T>
 void FitsFile::write_pixels(std::int64_t first, std::span<const T> pixels) {
   int status = 0;

@@ -3,16 +3,10 @@
 #include <array>
 #include <cstddef>
 
-#include "acquisition/recording_keys.h"
 #include "core/error.h"
 
 namespace curlew {
 namespace {
-
-std::string size_text(int rows, int cols, PixelType type) {
-  return std::to_string(rows) + " x " + std::to_string(cols) + " pixels of " +
-         (type == PixelType::kU8 ? "8" : "16") + " bits";
-}
 
 // One member of every row, as a column.
 template <typename T, typename Member>
@@ -33,26 +27,22 @@ void write_all(FitsFile& file, const std::string& name, const std::vector<T>& va
 RecordingWriter::RecordingWriter(const std::string& path, const FrameFormat& format,
                                  const Optics& optics, const Detector& detector,
                                  const std::string& program)
-    : file_(FitsFile::create(path)), format_(format) {
-  if (format.scale_adu != 1.0 || format.zero_adu != 0.0) {
-    throw Failure(path + " cannot be recorded: its frames are not in plain ADU, record the source");
-  }
+    : RecordingWriter(FitsFile::create(path), format, 0) {
   // The number of frames is written by commit().
-  file_.create_image(format.pixel_type == PixelType::kU8 ? ElementType::kU8 : ElementType::kU16,
-                     {0, format.rows, format.cols}, "", "adu");
-  file_.write_key("CREATOR", program, "program that wrote this file");
-  write_optics(file_, optics);
-  write_detector(file_, detector);
-  write_region(file_, format);
+  create_recording_image(file_, format, optics, detector, program, 0);
+}
+
+RecordingWriter RecordingWriter::compressed(const std::string& path, const FrameFormat& format,
+                                            const Optics& optics, const Detector& detector,
+                                            const std::string& program, std::int64_t frames) {
+  RecordingWriter writer(FitsFile::create(path), format, frames);
+  create_recording_image(writer.file_, format, optics, detector, program, frames,
+                         Compression::kRice);
+  return writer;
 }
 
 void RecordingWriter::append(const FrameView& frame, const FrameHeader& header) {
-  if (frame.rows != format_.rows || frame.cols != format_.cols ||
-      frame.pixel_type != format_.pixel_type) {
-    throw Failure(file_.path() + " is a recording of " +
-                  size_text(format_.rows, format_.cols, format_.pixel_type) + ", and a frame has " +
-                  size_text(frame.rows, frame.cols, frame.pixel_type));
-  }
+  require_format(file_.path(), format_, frame);
   const std::size_t n = format_.pixels();
   const std::int64_t first = frames() * static_cast<std::int64_t>(n);
   if (format_.pixel_type == PixelType::kU8) {
@@ -60,10 +50,7 @@ void RecordingWriter::append(const FrameView& frame, const FrameHeader& header) 
   } else {
     file_.write_pixels(first, std::span(frame.data<std::uint16_t>(), n));
   }
-  sequence_.push_back(header.sequence);
-  camera_ns_.push_back(header.camera_ns);
-  received_ns_.push_back(header.received_ns);
-  status_.push_back(static_cast<std::int32_t>(header.status));
+  headers_.add(header);
 }
 
 void RecordingWriter::write_truth(std::span<const TruthVortex> truth) {
@@ -75,17 +62,15 @@ void RecordingWriter::commit() {
   if (frames() == 0) {
     throw Failure(file_.path() + " is not written: there was no frame to record");
   }
-  file_.resize_planes(frames());
-
-  const std::array<ColumnSpec, 4> frame_columns{{{"SEQUENCE", 'K', ""},
-                                                 {"CAMERA_NS", 'K', "ns"},
-                                                 {"RECEIVED_NS", 'K', "ns"},
-                                                 {"STATUS", 'J', ""}}};
-  file_.create_table("FRAMES", frame_columns);
-  write_all(file_, "SEQUENCE", sequence_);
-  write_all(file_, "CAMERA_NS", camera_ns_);
-  write_all(file_, "RECEIVED_NS", received_ns_);
-  write_all(file_, "STATUS", status_);
+  if (compressed_frames_ == 0) {
+    file_.resize_planes(frames());
+  } else if (compressed_frames_ != frames()) {
+    throw Failure(file_.path() + " is not written: it was to have " +
+                  std::to_string(compressed_frames_) + " frames and got " +
+                  std::to_string(frames()));
+  }
+  create_frame_table(file_);
+  write_frame_rows(file_, 0, headers_);
 
   if (has_truth_) {
     const std::array<ColumnSpec, 5> truth_columns{{{"FRAME", 'K', ""},

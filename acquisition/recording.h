@@ -5,9 +5,11 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "acquisition/fits_file.h"
+#include "acquisition/recording_hdus.h"
 #include "acquisition/truth.h"
 #include "core/frame.h"
 #include "core/optics.h"
@@ -25,25 +27,32 @@ class RecordingWriter {
   RecordingWriter(const std::string& path, const FrameFormat& format, const Optics& optics,
                   const Detector& detector, const std::string& program);
 
+  /// The same, tile-compressed without loss (Rice): an empty primary, the cube in the first
+  /// extension. Exactly `frames` frames must be appended.
+  static RecordingWriter compressed(const std::string& path, const FrameFormat& format,
+                                    const Optics& optics, const Detector& detector,
+                                    const std::string& program, std::int64_t frames);
+
   /// Appends one frame of the format's size and type.
   void append(const FrameView& frame, const FrameHeader& header);
 
-  std::int64_t frames() const { return static_cast<std::int64_t>(sequence_.size()); }
+  std::int64_t frames() const { return static_cast<std::int64_t>(headers_.size()); }
 
   /// What commit() shall write as table TRUTH. An empty list makes an empty table.
   void write_truth(std::span<const TruthVortex> truth);
 
-  /// Completes the file. Failure where no frame was appended or the disk is full; then nothing
-  /// is left.
+  /// Completes the file. Failure where no frame was appended, where not all were that a compressed
+  /// file is for, or where the disk is full; then nothing is left.
   void commit();
 
  private:
+  RecordingWriter(FitsFile file, const FrameFormat& format, std::int64_t compressed_frames)
+      : file_(std::move(file)), format_(format), compressed_frames_(compressed_frames) {}
+
   FitsFile file_;
   FrameFormat format_;
-  std::vector<std::int64_t> sequence_;
-  std::vector<std::int64_t> camera_ns_;
-  std::vector<std::int64_t> received_ns_;
-  std::vector<std::int32_t> status_;
+  std::int64_t compressed_frames_ = 0;  ///< 0: not compressed
+  FrameColumns headers_;
   std::vector<TruthVortex> truth_;
   bool has_truth_ = false;
 };

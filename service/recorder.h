@@ -36,21 +36,32 @@ struct RecorderOptions {
 
 /// What the recorder has done so far.
 struct RecorderCounts {
-  std::int64_t recorded = 0;  ///< frames on disk
+  std::int64_t recorded = 0;  ///< frames on disk, where readers see them
   std::int64_t dropped = 0;   ///< frames it had no memory free for, or that the disk refused
   std::int64_t files = 0;     ///< begun
-  bool stopped = false;       ///< the disk is full or failing; see the log
+  bool stopped = false;       ///< for now: the disk is full or failing, see the log
 };
 
+/// Recordings in the folder, each named by the UTC of its first frame
+/// (curlew-20261123T041500.123Z.fits; compressed, .fits.fz), each readable while it grows and after
+/// a kill: see GrowingRecording. Readers see new frames twice a second.
+///
+/// kTrigger: an event is the frames from before_s before a trigger to after_s after it, by the
+/// times they were received; a further trigger meanwhile extends it. Each event begins a file; no
+/// frame is recorded twice.
+///
+/// Where the disk is nearly full it stops, and goes on once there is room again; after a write
+/// error it stays stopped. Meanwhile frames count as dropped.
 class Recorder {
  public:
-  /// log: gets one sentence at a time, from the recorder's own thread: files begun and complete,
-  /// and why it stopped. Failure where the folder cannot be written. Makes memory_mb of frame
-  /// buffers (at least 4 frames) and begins its thread.
+  /// log: gets one sentence at a time, from threads of the recorder: files begun and complete, and
+  /// why it stopped. Failure where the folder cannot be written, or the frames are not in plain
+  /// ADU. Makes memory_mb of frame buffers (at least 4 frames) and begins its thread. kOff: makes
+  /// nothing, and add() does nothing.
   Recorder(const RecorderOptions& options, const FrameFormat& format, const Optics& optics,
            const Detector& detector, std::function<void(const std::string&)> log);
 
-  /// Writes what it holds and completes the file.
+  /// Writes what it holds and completes the file. What is not compressed yet stays as it is.
   ~Recorder();
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
@@ -58,9 +69,11 @@ class Recorder {
   /// Publisher's thread, once a frame. Copies the pixels; never waits, allocates or throws.
   void add(const FrameBuffer& frame, bool has_vortex) noexcept;
 
-  /// Any thread, also several times: kTrigger.
+  /// Any thread, also several times; kTrigger: the next frame added is the trigger.
   void trigger() noexcept;
 
+  /// Any thread. Frames that wait in memory are in none of the counts, and neither are those that
+  /// no trigger asked for.
   RecorderCounts counts() const;
 
  private:
@@ -68,6 +81,7 @@ class Recorder {
   class Writer;
   std::unique_ptr<SideQueue<Item>> queue_;
   std::unique_ptr<Writer> writer_;
+  bool trigger_on_vortex_;
   std::atomic<bool> triggered_{false};
   std::thread thread_;
 };

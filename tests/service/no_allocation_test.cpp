@@ -1,61 +1,16 @@
 // The frame path allocates nothing: every malloc of the process is counted while frames run.
 #include <gtest/gtest.h>
 
-#include <atomic>
-#include <cstddef>
+#include <new>
+#include <tuple>
 
+#include "acquisition/paced_camera.h"
 #include "acquisition/simulator.h"
+#include "service/live_feed.h"
+#include "service/live_statistics.h"
 #include "service/pipeline.h"
+#include "tests/support/allocation_counter.h"
 #include "tests/support/simulated_sensor.h"
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define CURLEW_COUNTS_ALLOCATIONS 0
-#else
-#define CURLEW_COUNTS_ALLOCATIONS 1
-#endif
-
-namespace {
-std::atomic<bool> counting{false};
-std::atomic<long> allocations{0};
-}  // namespace
-
-#if CURLEW_COUNTS_ALLOCATIONS
-extern "C" {
-void* __libc_malloc(std::size_t);
-void* __libc_calloc(std::size_t, std::size_t);
-void* __libc_realloc(void*, std::size_t);
-void* __libc_memalign(std::size_t, std::size_t);
-
-static void count() {
-  if (counting.load(std::memory_order_relaxed)) ++allocations;
-}
-void* malloc(std::size_t size) {
-  count();
-  return __libc_malloc(size);
-}
-void* calloc(std::size_t n, std::size_t size) {
-  count();
-  return __libc_calloc(n, size);
-}
-void* realloc(void* old, std::size_t size) {
-  count();
-  return __libc_realloc(old, size);
-}
-void* memalign(std::size_t alignment, std::size_t size) {
-  count();
-  return __libc_memalign(alignment, size);
-}
-void* aligned_alloc(std::size_t alignment, std::size_t size) {
-  count();
-  return __libc_memalign(alignment, size);
-}
-int posix_memalign(void** out, std::size_t alignment, std::size_t size) {
-  count();
-  *out = __libc_memalign(alignment, size);
-  return *out == nullptr ? 12 : 0;
-}
-}
-#endif
 
 namespace curlew {
 namespace {
@@ -77,7 +32,7 @@ SimulatorOptions busy_scene() {
 }
 
 TEST(NoAllocation, TheCounterCounts) {
-  if (CURLEW_COUNTS_ALLOCATIONS == 0) GTEST_SKIP() << "the sanitizer owns malloc";
+  if (!kCountsAllocations) GTEST_SKIP() << "the sanitizer owns malloc";
   allocations = 0;
   counting = true;
   void* volatile seen = ::operator new(3);  // volatile: the compiler must not take the pair out
@@ -91,7 +46,7 @@ TEST(NoAllocation, TheCounterCounts) {
 class NoAllocationModes : public ::testing::TestWithParam<std::tuple<Threading, bool>> {};
 
 TEST_P(NoAllocationModes, AThousandFrames) {
-  if (CURLEW_COUNTS_ALLOCATIONS == 0) GTEST_SKIP() << "the sanitizer owns malloc";
+  if (!kCountsAllocations) GTEST_SKIP() << "the sanitizer owns malloc";
   const auto [threads, weighted] = GetParam();
   Simulator simulator(busy_scene());
   const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
@@ -115,6 +70,37 @@ TEST_P(NoAllocationModes, AThousandFrames) {
   EXPECT_EQ(allocations, 0);
   EXPECT_GT(faded, 100) << "frames with faded lenslets must be among those counted";
   EXPECT_GT(report.vortices, 0);
+}
+
+TEST_P(NoAllocationModes, AThousandLiveFrames) {
+  if (!kCountsAllocations) GTEST_SKIP() << "the sanitizer owns malloc";
+  const auto [threads, weighted] = GetParam();
+  auto simulator = std::make_unique<Simulator>(busy_scene());
+  const FrameFormat format = simulator->format();
+  Config config;
+  config.split.weighted = weighted;
+  config.pipeline.threads = threads;
+  const auto plan =
+      std::make_shared<const Plan>(sensor_of(*simulator, kWindow, 100.0), format, config);
+  Pipeline pipeline(plan, config.pipeline);
+  const auto camera = make_paced_camera(std::move(simulator), 5000.0, "simulator", {});
+  FrameExchange exchange(format, config.pipeline.slots + 4);
+  FeedControl control;
+  LiveFeed feed(exchange, {.end_index = 1100}, control);
+  LiveStatistics statistics;
+  Publisher publisher;
+  publisher.finish = [&](const FrameSlot& slot, std::int64_t) {
+    if (slot.frame_index == 50) counting = true;
+    if (slot.frame_index == 1050) counting = false;
+    statistics.add(slot);
+  };
+  allocations = 0;
+  {
+    const Streaming streaming(*camera, exchange);
+    EXPECT_EQ(pipeline.run(feed, publisher).frames, 1100);
+  }
+  counting = false;
+  EXPECT_EQ(allocations, 0);
 }
 
 INSTANTIATE_TEST_SUITE_P(Modes, NoAllocationModes,

@@ -2,10 +2,13 @@
 """What another FITS program makes of our files, and files for us to read.
 
 astropy_peer.py describe FILE   one line per HDU, per column and per key of interest
+astropy_peer.py recordings DIR  one line per recording in it and below, of the numbered frames of
+                                tests/support/numbered_frames.h: what was found in it
 astropy_peer.py write DIR       cubes of every type, [3, 5, 7], by the formulas in `cubes`
 Exit code 77 where astropy is missing.
 """
 
+import glob
 import sys
 import warnings
 
@@ -37,6 +40,33 @@ def describe(path):
                     print(f"column {column.name} {column.format} {column.unit or '-'}: {values}")
             for card in hdu.header.cards:
                 print(f"key {index} {card.keyword} {card.value!r} / {card.comment}")
+
+
+def recordings(folder):
+    for path in sorted(glob.glob(f"{folder}/**/*.fits*", recursive=True)):
+        if path.endswith(".partial"):
+            continue
+        with warnings.catch_warnings(record=True) as caught, fits.open(path) as hdus:
+            warnings.simplefilter("always")
+            cube = hdus[0].data if hdus[0].data is not None else hdus[1].data
+            try:
+                table = hdus["FRAMES"]
+            except (KeyError, OSError):
+                table = None
+            if isinstance(table, fits.BinTableHDU):
+                rows, sequence = len(table.data), table.data["SEQUENCE"].astype(np.int64)
+                hdus.verify("exception")
+                assert (table.data["RECEIVED_NS"][:len(cube)] > 0).all()
+            else:
+                rows, sequence = -1, np.arange(len(cube))
+            k = np.arange(cube.shape[1] * cube.shape[2]).reshape(cube.shape[1:])
+            wrong = 0
+            for n, frame in zip(sequence, cube):
+                expected = (n * 7919 + k * 31) % 65536
+                wrong += (frame != (expected if frame.dtype == np.uint16 else expected >> 8)).any()
+            print(f"recording {path[len(folder) + 1:]} frames {len(cube)} rows {rows}"
+                  f" first {sequence[0]} last {sequence[len(cube) - 1]} wrong {wrong}"
+                  f" warnings {len(caught) if rows >= 0 else 0}")
 
 
 def write(folder):
@@ -81,4 +111,4 @@ def write(folder):
 
 
 if __name__ == "__main__":
-    {"describe": describe, "write": write}[sys.argv[1]](sys.argv[2])
+    {"describe": describe, "recordings": recordings, "write": write}[sys.argv[1]](sys.argv[2])
