@@ -10,6 +10,7 @@
 #include "acquisition/camera_options.h"
 #include "core/frame.h"
 #include "core/frame_exchange.h"
+#include "core/optics.h"
 
 namespace curlew {
 
@@ -53,6 +54,10 @@ class Camera {
 
   /// Sentences on what the camera does otherwise than it was told, and on what it sends.
   virtual std::vector<std::string> notes() const = 0;
+
+  /// What the source tells of optics and detector, as recordings and the simulator do.
+  virtual Optics optics() const { return {}; }
+  virtual Detector detector() const { return {}; }
 
   /// Sends frames to the exchange, from a thread of its own, until stop(). Each header is complete,
   /// sequence counts on through wraps of the device's numbers, and the first is `renumbered`.

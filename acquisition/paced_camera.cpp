@@ -30,12 +30,12 @@ std::int64_t utc_now_ns() {
 
 class PacedCamera final : public Camera {
  public:
-  PacedCamera(std::unique_ptr<FrameSource> source, double rate_hz, std::string description,
+  PacedCamera(std::unique_ptr<FrameSource> source, double rate_hz, PacedCameraNature nature,
               ThreadStart thread_start)
       : source_(std::move(source)),
         period_(std::chrono::duration_cast<Clock::duration>(
             std::chrono::duration<double>(1.0 / rate_hz))),
-        description_(std::move(description)),
+        nature_(std::move(nature)),
         thread_start_(std::move(thread_start)),
         scratch_(source_->format()) {}
   ~PacedCamera() override { stop(); }
@@ -43,7 +43,9 @@ class PacedCamera final : public Camera {
   PacedCamera& operator=(const PacedCamera&) = delete;
 
   const FrameFormat& format() const override { return source_->format(); }
-  std::string description() const override { return description_; }
+  std::string description() const override { return nature_.description; }
+  Optics optics() const override { return nature_.optics; }
+  Detector detector() const override { return nature_.detector; }
   std::vector<std::string> notes() const override { return {}; }
 
   void start(FrameExchange& exchange) override {
@@ -108,7 +110,7 @@ class PacedCamera final : public Camera {
 
   std::unique_ptr<FrameSource> source_;
   Clock::duration period_;
-  std::string description_;
+  PacedCameraNature nature_;
   ThreadStart thread_start_;
   FrameBuffer scratch_;  ///< takes the frames for which there is no buffer
   std::thread thread_;
@@ -150,15 +152,16 @@ class LoopSource final : public FrameSource {
 }  // namespace
 
 std::unique_ptr<Camera> make_paced_camera(std::unique_ptr<FrameSource> source, double rate_hz,
-                                          std::string description, ThreadStart thread_start) {
+                                          PacedCameraNature nature, ThreadStart thread_start) {
   return std::make_unique<PacedCamera>(std::move(source), rate_or_default(rate_hz),
-                                       std::move(description), std::move(thread_start));
+                                       std::move(nature), std::move(thread_start));
 }
 
 std::unique_ptr<Camera> open_file_camera(const std::string& path, double rate_hz,
                                          const ThreadStart& thread_start) {
-  return make_paced_camera(std::make_unique<FitsSource>(std::vector<std::string>{path}), rate_hz,
-                           "recording " + path, thread_start);
+  auto source = std::make_unique<FitsSource>(std::vector<std::string>{path});
+  PacedCameraNature nature{"recording " + path, source->optics(), source->detector()};
+  return make_paced_camera(std::move(source), rate_hz, std::move(nature), thread_start);
 }
 
 SimulatorOptions simulated_camera_options(const std::string& preset) {
@@ -171,8 +174,10 @@ SimulatorOptions simulated_camera_options(const std::string& preset) {
 std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, double rate_hz,
                                               const ThreadStart& thread_start) {
   Simulator simulator(simulated_camera_options(preset));
-  return make_paced_camera(std::make_unique<LoopSource>(simulator, kFramesDrawn), rate_hz,
-                           "simulated camera, preset " + preset, thread_start);
+  return make_paced_camera(
+      std::make_unique<LoopSource>(simulator, kFramesDrawn), rate_hz,
+      {"simulated camera, preset " + preset, simulator.optics(), simulator.detector()},
+      thread_start);
 }
 
 }  // namespace curlew

@@ -10,11 +10,18 @@
 
 namespace curlew {
 
+/// What a PacedCamera says of itself.
+struct PacedCameraNature {
+  std::string description;
+  Optics optics;
+  Detector detector;
+};
+
 /// Sends the frames of the source at rate_hz and does not wait for anybody: where no buffer is
 /// free the frame is lost, and counted. Frame numbers count from 0. Closes the exchange after the
 /// last frame.
 std::unique_ptr<Camera> make_paced_camera(std::unique_ptr<FrameSource> source, double rate_hz,
-                                          std::string description, ThreadStart thread_start);
+                                          PacedCameraNature nature, ThreadStart thread_start);
 
 /// The recording, once. rate_hz 0: 1000 Hz.
 std::unique_ptr<Camera> open_file_camera(const std::string& path, double rate_hz,

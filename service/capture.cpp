@@ -22,7 +22,7 @@ void capture_frames(const CameraOptions& options, std::int64_t frames, const std
   const std::unique_ptr<Camera> camera = open_camera(options, {});
   fmt::print("{}: {} frames of {} x {} px\n", camera->description(), frames, camera->format().cols,
              camera->format().rows);
-  RecordingWriter recording(path, camera->format(), {}, {}, kProgram);
+  RecordingWriter recording(path, camera->format(), camera->optics(), camera->detector(), kProgram);
   FrameExchange exchange(camera->format(), static_cast<std::size_t>(options.buffers) + 2);
   std::string trouble;
   {

@@ -145,6 +145,7 @@ void add_bench(CLI::App& app) {
       ->delimiter(',');
   latency->add_flag("--json", options->json, "print JSON");
   latency->callback([options] { bench_latency(*options); });
+  add_bench_detect(*bench);
 }
 
 }  // namespace curlew

@@ -86,8 +86,8 @@ DaemonReport Daemon::run() {
   supervisor_.ready("searching");
   supervise();
   connecting.join();
+  if (recorder_) recorder_->finish();
   DaemonReport report = report_so_far();
-  recorder_.reset();  // completes its file
   if (writer_) report.unwritten = writer_->dropped();
   writer_.reset();
   if (fatal_) std::rethrow_exception(fatal_);
@@ -282,7 +282,7 @@ DaemonReport Daemon::report_so_far() const {
   DaemonReport report = totals_;
   if (camera_ != nullptr) report.frames += camera_->counts();
   if (exchange_ != nullptr) report.superseded += exchange_->superseded();
-  if (recorder_) report.recorder = recorder_->counts();
+  if (recorder_) report.recorder += recorder_->counts();
   return report;
 }
 

@@ -83,11 +83,15 @@ void Daemon::prepare(const FrameFormat& format) {
   pipeline_ =
       std::make_shared<Pipeline>(std::move(plan), config_.pipeline, placement_->thread_start());
   pending_plan_.reset();
+  if (recorder_) totals_.recorder += recorder_->finish();
   recorder_.reset();
   if (config_.recorder.mode != RecordMode::kOff)
     recorder_ = std::make_unique<Recorder>(
         config_.recorder, format, sensor_.optics, sensor_.detector,
-        [](const std::string& sentence) { spdlog::info("{}", sentence); });
+        [](const std::string& sentence) {
+          const bool bad = sentence.rfind("recording stopped", 0) == 0;
+          spdlog::log(bad ? spdlog::level::warn : spdlog::level::info, "{}", sentence);
+        });
   format_ = format;
 }
 

@@ -156,10 +156,14 @@ Recorder::Recorder(const RecorderOptions& options, const FrameFormat& format, co
   thread_ = std::thread([this] { writer_->run(); });
 }
 
-Recorder::~Recorder() {
-  if (!queue_) return;
-  queue_->close();
-  thread_.join();
+Recorder::~Recorder() { finish(); }
+
+RecorderCounts Recorder::finish() {
+  if (thread_.joinable()) {
+    queue_->close();
+    thread_.join();
+  }
+  return counts();
 }
 
 void Recorder::add(const FrameBuffer& frame, bool has_vortex) noexcept {

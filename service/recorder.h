@@ -40,6 +40,14 @@ struct RecorderCounts {
   std::int64_t dropped = 0;   ///< frames it had no memory free for, or that the disk refused
   std::int64_t files = 0;     ///< begun
   bool stopped = false;       ///< for now: the disk is full or failing, see the log
+
+  RecorderCounts& operator+=(const RecorderCounts& more) {
+    recorded += more.recorded;
+    dropped += more.dropped;
+    files += more.files;
+    stopped = more.stopped;
+    return *this;
+  }
 };
 
 /// Recordings in the folder, each named by the UTC of its first frame
@@ -61,7 +69,6 @@ class Recorder {
   Recorder(const RecorderOptions& options, const FrameFormat& format, const Optics& optics,
            const Detector& detector, std::function<void(const std::string&)> log);
 
-  /// Writes what it holds and completes the file. What is not compressed yet stays as it is.
   ~Recorder();
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
@@ -71,6 +78,10 @@ class Recorder {
 
   /// Any thread, also several times; kTrigger: the next frame added is the trigger.
   void trigger() noexcept;
+
+  /// Writes what it holds and completes the file; add() must not be called any more. What is not
+  /// compressed yet stays as it is. The destructor does it too.
+  RecorderCounts finish();
 
   /// Any thread. Frames that wait in memory are in none of the counts, and neither are those that
   /// no trigger asked for.

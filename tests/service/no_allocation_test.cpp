@@ -83,7 +83,7 @@ TEST_P(NoAllocationModes, AThousandLiveFrames) {
   const auto plan =
       std::make_shared<const Plan>(sensor_of(*simulator, kWindow, 100.0), format, config);
   Pipeline pipeline(plan, config.pipeline);
-  const auto camera = make_paced_camera(std::move(simulator), 5000.0, "simulator", {});
+  const auto camera = make_paced_camera(std::move(simulator), 5000.0, {"simulator", {}, {}}, {});
   FrameExchange exchange(format, config.pipeline.slots + 4);
   FeedControl control;
   LiveFeed feed(exchange, {.end_index = 1100}, control);

@@ -1,0 +1,223 @@
+#include <spdlog/fmt/fmt.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "core/error.h"
+#include "service/commands.h"
+#include "service/detection_benchmark.h"
+#include "service/interrupt.h"
+#include "service/progress.h"
+#include "service/version.h"
+
+namespace curlew {
+namespace {
+
+struct DetectOptionsOfBench {
+  DetectionBenchmarkOptions benchmark;
+  std::string cache = default_realisation_folder();
+  bool no_cache = false;
+  bool quick = false;
+  bool json = false;
+};
+
+/// Says what the run will cost before it is paid.
+void announce(const DetectionBenchmarkOptions& options, const RealisationCache& cache) {
+  double seconds = 0.0;
+  double megabytes = 0.0;
+  int realisations = 0;
+  int kept = 0;
+  for (const double rytov_variance : options.rytov_variances) {
+    FieldParameters field = options.field;
+    field.rytov_variance = rytov_variance;
+    const RealisationCost cost = realisation_cost(field);
+    megabytes = std::max(megabytes, cost.megabytes);
+    const auto count = [&](Subset subset, int n) {
+      for (int i = 0; i < n; ++i) {
+        ++realisations;
+        if (cache.holds(field, realisation_seed(subset, i)))
+          ++kept;
+        else
+          seconds += cost.seconds;
+      }
+    };
+    count(Subset::kValidation, options.validation_realisations);
+    count(Subset::kTest, options.test_realisations);
+  }
+  const double image_mb = 4e-6 * options.field.rows * options.field.cols * options.field.window_px *
+                          options.field.window_px;
+  megabytes = megabytes * options.threads +
+              image_mb * (options.test_realisations + options.validation_realisations);
+  fmt::print(stderr, "{} realisations, {} of them in {}; about {:.0f} s on {} threads, {:.0f} MB\n",
+             realisations, kept, cache.folder().empty() ? "memory" : cache.folder(),
+             std::ceil(seconds / options.threads), options.threads, megabytes);
+}
+
+std::string photons_text(double photons) {
+  return std::isfinite(photons) ? fmt::format("{} photons", photons) : "no noise";
+}
+
+/// NaN has no place in JSON.
+nlohmann::ordered_json number(double value) {
+  return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
+}
+
+nlohmann::ordered_json row_json(const DetectionRowResult& row) {
+  nlohmann::ordered_json json;
+  json["name"] = row.name;
+  json["method"] = row.method;
+  json["threshold"] = number(row.threshold);
+  for (const ScoreMember& member : kScoreMembers) {
+    const Interval interval = interval_of(row.samples, member.value);
+    json[std::string(member.name)] = {{"value", number(row.score.*member.value)},
+                                      {"low", number(interval.low)},
+                                      {"high", number(interval.high)}};
+  }
+  json["us_per_frame"] = row.microseconds;
+  return json;
+}
+
+nlohmann::ordered_json results_json(const DetectionBenchmarkOptions& options,
+                                    const std::vector<DetectionCellResult>& cells) {
+  nlohmann::ordered_json json;
+  json["program"] = kProgram;
+  json["lenslet"] = options.field.lenslet;
+  json["window_px"] = options.field.window_px;
+  json["samples_per_lambda_w"] = options.field.samples_per_lambda_w;
+  json["validation_realisations"] = options.validation_realisations;
+  json["test_realisations"] = options.test_realisations;
+  json["false_alarms_of_recall"] = kStatedFalseAlarms;
+  json["interval"] = 0.95;
+  for (const DetectionCellResult& cell : cells) {
+    nlohmann::ordered_json entry;
+    entry["rytov_variance"] = cell.rytov_variance;
+    entry["photons"] = number(cell.photons);
+    entry["required"] = cell.required;
+    entry["measuring_ms"] = cell.measuring_ms;
+    for (const DetectionRowResult& row : cell.rows) entry["rows"].push_back(row_json(row));
+    json["cells"].push_back(entry);
+  }
+  return json;
+}
+
+/// ".683 [.65 .71]"
+std::string figure(const DetectionRowResult& row, double DetectionScore::*value) {
+  if (!std::isfinite(row.score.*value)) return "–";
+  const Interval interval = interval_of(row.samples, value);
+  return fmt::format("{:.3f} [{:.2f} {:.2f}]", row.score.*value, interval.low, interval.high);
+}
+
+std::string table(const DetectionCellResult& cell, int frames) {
+  std::string text = fmt::format(
+      "\nRytov variance {}, {}: {} required vortices in {} frames, {:.2f} ms to measure a frame\n"
+      "{:<22} {:>19} {:>19} {:>19} {:>19} {:>19} {:>19} {:>8}\n",
+      cell.rytov_variance, photons_text(cell.photons), cell.required, frames, cell.measuring_ms, "",
+      "F1", "best F1", "precision", "recall", "rms", "rms isolated", "µs");
+  for (const DetectionRowResult& row : cell.rows) {
+    text += fmt::format("{:<22}", row.name);
+    for (const ScoreMember& member : kScoreMembers)
+      text += fmt::format(" {:>19}", figure(row, member.value));
+    text += fmt::format(" {:>8.1f}\n", row.microseconds);
+  }
+  return text;
+}
+
+void bench_detect(DetectOptionsOfBench options) {
+#ifndef NDEBUG
+  throw Failure("a debug build takes too long over this, build with './dev build'");
+#endif
+  DetectionBenchmarkOptions& benchmark = options.benchmark;
+  if (options.quick) benchmark.test_realisations = benchmark.validation_realisations = 4;
+  for (double& photons : benchmark.photons) {
+    if (photons == 0.0) photons = kWithoutNoise;
+  }
+  const RealisationCache cache(options.no_cache ? std::string() : options.cache);
+  announce(benchmark, cache);
+  const int per_cell = benchmark.test_realisations + benchmark.validation_realisations;
+  std::vector<DetectionCellResult> cells;
+  {
+    Progress progress("fields",
+                      static_cast<std::int64_t>(benchmark.rytov_variances.size()) * per_cell);
+    cells = run_detection_benchmark(benchmark, cache, [&] {
+      progress.step();
+      if (interrupted()) {
+        throw Failure(cache.folder().empty()
+                          ? "interrupted"
+                          : "interrupted; what was simulated is kept, so run it again to go on");
+      }
+    });
+  }
+  if (options.json) {
+    fmt::print("{}\n", results_json(benchmark, cells).dump(2));
+    return;
+  }
+  fmt::print(
+      "{}, {} build: F1 at the threshold best for {} other frames; average precision; recall "
+      "at {} false\nalarms a frame; rms in pitches, of all hits and of vortices over {} "
+      "from any other; [95 % interval]\n",
+      kProgram, kBuildType, benchmark.validation_realisations, kStatedFalseAlarms, kIsolation);
+  for (const DetectionCellResult& cell : cells)
+    fmt::print("{}", table(cell, benchmark.test_realisations));
+  fmt::print("\n");
+  for (const DetectionRowResult& row : cells.front().rows)
+    fmt::print("{:<22} {}\n", row.name, row.method);
+}
+
+}  // namespace
+
+void add_bench_detect(CLI::App& bench) {
+  auto options = std::make_shared<DetectOptionsOfBench>();
+  DetectionBenchmarkOptions& benchmark = options->benchmark;
+  benchmark.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  CLI::App* detect = bench.add_subcommand(
+      "detect", "Detectors of vortices compared on simulated turbulence; goes on where it ended");
+  detect->add_option("--realisations", benchmark.test_realisations, "test fields a cell")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  detect
+      ->add_option("--validation", benchmark.validation_realisations,
+                   "fields a cell that thresholds are chosen on")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  detect->add_flag("--quick", options->quick, "4 fields of each kind: shows that all runs");
+  detect->add_option("--rytov", benchmark.rytov_variances, "Rytov variances")
+      ->delimiter(',')
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect->add_option("--photons", benchmark.photons, "photons a lenslet; 0: no noise")
+      ->delimiter(',')
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect->add_option("--lenslet", benchmark.field.lenslet, "side, √(λL)")->capture_default_str();
+  detect->add_option("--window", benchmark.field.window_px, "pixels per lenslet side")
+      ->check(CLI::Range(4, 64))
+      ->capture_default_str();
+  detect->add_option("--sampling", benchmark.field.samples_per_lambda_w, "pixels per λ/w")
+      ->capture_default_str();
+  detect
+      ->add_option("--centroid", benchmark.measurement.method,
+                   "plain or thresholded (default); plain where there is no noise")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, CentroidMethod>{
+          {"plain", CentroidMethod::kPlain}, {"thresholded", CentroidMethod::kThresholded}}));
+  detect
+      ->add_option("--threshold-noise", benchmark.measurement.threshold_noise,
+                   "of the thresholded centroid, read noises")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect->add_option("--cache", options->cache, "folder where simulated fields are kept")
+      ->capture_default_str();
+  detect->add_flag("--no-cache", options->no_cache, "keep nothing");
+  detect->add_option("--threads", benchmark.threads, "threads")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  detect->add_flag("--json", options->json, "print JSON");
+  detect->callback([options] { bench_detect(*options); });
+}
+
+}  // namespace curlew

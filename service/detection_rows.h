@@ -1,0 +1,25 @@
+// The detectors that are compared, in one table.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "service/detection_measurement.h"
+#include "service/detection_score.h"
+
+namespace curlew {
+
+/// A detector: from a measured frame to the candidates it sees, as many as it likes.
+struct DetectorRow {
+  std::string name;    ///< in the table and as the key in JSON
+  std::string method;  ///< one line: what it is, and whose
+  /// Several threads may call it at once, each with a frame of its own.
+  std::function<std::vector<Candidate>(const MeasuredFrame&)> find;
+};
+
+/// All detectors for frames of this plan, which must outlive them. A new detector is a new entry.
+std::vector<DetectorRow> make_detector_rows(const MeasurementPlan& plan);
+
+}  // namespace curlew

@@ -1,0 +1,139 @@
+// Detection scores: what a detector's candidates are worth against the true vortices.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "acquisition/field.h"
+
+namespace curlew {
+
+/// A place a detector names, in lenslet units. A larger score is surer; scores are compared over
+/// all frames of a detector, never between detectors.
+struct Candidate {
+  double x = 0.0;
+  double y = 0.0;
+  int charge = 0;  ///< +1 or −1
+  double score = 0.0;
+};
+
+/// Opposite vortices nearer each other than this many pitches cannot be asked of a detector.
+inline constexpr double kClosestRequiredPair = 1.0;
+/// A vortex farther than this from every other is isolated, pitches.
+inline constexpr double kIsolation = 2.0;
+/// The false alarms a frame at which recall is stated.
+inline constexpr double kStatedFalseAlarms = 0.05;
+
+struct GradedVortex {
+  double x = 0.0;  ///< lenslet units
+  double y = 0.0;
+  int charge = 0;
+  bool required = true;  ///< false: whoever finds it, or does not, is neither right nor wrong
+  bool isolated = true;
+};
+
+/// Grades the vortices of one field, in their order: of the opposite pairs the closest is removed,
+/// again and again, until none is closer than kClosestRequiredPair. What is left is required. Give
+/// the vortices beyond the array too, or pairs across its edge are torn apart.
+std::vector<GradedVortex> grade_vortices(std::span<const SceneVortex> vortices);
+
+/// Where vortices and candidates count: the square of the array's nodes, [½, n − 1½] in lenslet
+/// units along an axis of n lenslets, which is [1, n − 1] from the array's edge.
+struct Interior {
+  int rows = 0;  ///< lenslets
+  int cols = 0;
+
+  bool contains(double x, double y) const {
+    return x >= 0.5 && x <= cols - 1.5 && y >= 0.5 && y <= rows - 1.5;
+  }
+};
+
+/// A candidate that counts.
+struct Verdict {
+  double score = 0.0;
+  bool hit = false;       ///< else it is a false alarm
+  bool isolated = false;  ///< hits: of an isolated vortex
+  double error = 0.0;     ///< hits: distance from the vortex, pitches
+};
+
+struct FrameVerdicts {
+  int required = 0;               ///< required vortices in the interior
+  std::vector<Verdict> verdicts;  ///< by falling score; candidates that do not count are left out
+};
+
+/// Matches one to one. The candidates choose by falling score, each the nearest required vortex of
+/// its sign in the interior, within kHitRadius (truth.h), that is not taken: so what lies below a
+/// threshold never changes what lies above. One that gets none does not count where it lies within
+/// kHitRadius of another vortex of its sign that is not required or not in the interior, or where
+/// it lies outside the interior itself. Else it is a false alarm.
+FrameVerdicts judge_frame(std::vector<Candidate> candidates, std::span<const GradedVortex> truth,
+                          const Interior& interior);
+
+/// NaN where a figure is not defined: nothing required, or nothing hit.
+struct DetectionScore {
+  double f1 = 0.0;       ///< at the threshold given
+  double best_f1 = 0.0;  ///< at the threshold best for these very frames: optimistic
+  /// Σ (step of recall)·precision over the thresholds, without interpolation.
+  double average_precision = 0.0;
+  double recall = 0.0;        ///< at kStatedFalseAlarms a frame at most
+  double rms = 0.0;           ///< of the distances of hits at the threshold given, pitches
+  double isolated_rms = 0.0;  ///< the same of isolated vortices
+};
+
+struct ScoreMember {
+  std::string_view name;  ///< as in JSON
+  double DetectionScore::*value;
+};
+inline constexpr std::array<ScoreMember, 6> kScoreMembers = {{
+    {"f1", &DetectionScore::f1},
+    {"best_f1", &DetectionScore::best_f1},
+    {"average_precision", &DetectionScore::average_precision},
+    {"recall", &DetectionScore::recall},
+    {"rms", &DetectionScore::rms},
+    {"isolated_rms", &DetectionScore::isolated_rms},
+}};
+
+/// All verdicts of one detector over some frames, in one order. Equal scores stand or fall
+/// together.
+class DetectionRecord {
+ public:
+  explicit DetectionRecord(std::span<const FrameVerdicts> frames);
+
+  int required() const { return total_required_; }
+
+  /// The score from which on candidates are believed so that F1 is best; +infinity where no
+  /// threshold finds anything.
+  double best_threshold() const;
+
+  DetectionScore score(double threshold) const;
+
+  /// As score(), of `samples` draws of as many frames with replacement. The same seed draws the
+  /// same frames, so that two detectors' samples can be compared one by one.
+  std::vector<DetectionScore> bootstrap(double threshold, int samples, std::uint64_t seed) const;
+
+ private:
+  struct Entry {
+    Verdict verdict;
+    std::size_t frame;
+  };
+  DetectionScore score(double threshold, std::span<const int> times) const;
+
+  std::vector<int> required_;   // [frames]
+  std::vector<Entry> entries_;  // by falling score
+  int total_required_ = 0;
+};
+
+struct Interval {
+  double low = 0.0;
+  double high = 0.0;
+};
+
+/// The middle `coverage` of the samples of one figure, those that are NaN left out; NaN where none
+/// is left.
+Interval interval_of(std::span<const DetectionScore> samples, double DetectionScore::*value,
+                     double coverage = 0.95);
+
+}  // namespace curlew
