@@ -1,0 +1,58 @@
+// A GigE Vision camera that is not there: real packets over loopback, with images of our own.
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+// Of Aravis, whose header stays in the .cpp.
+struct _ArvBuffer;
+struct _ArvGvFakeCamera;
+
+namespace curlew {
+
+struct FakeGigeOptions {
+  std::string address = "127.0.0.1";    ///< one camera each; see loopback.h
+  std::string serial = "CURLEW";        ///< device id: Aravis-Fake-<serial>
+  std::string pixel_format = "Mono16";  ///< all that Curlew reads; a client may set another
+  double frame_rate_hz = 100;           ///< a client may set another, up to 10 kHz
+  double lost_packet_ratio = 0;
+  bool once = false;  ///< sends every image once a start, then nothing more
+};
+
+/// Serves images over and over while the object lives. Its frame numbers wrap from 65535 to 1 soon.
+/// Which image a frame shows follows from its number alone.
+class FakeGigeCamera {
+ public:
+  static constexpr std::int64_t kFirstNumber = 65401;
+
+  /// images: the bytes of each frame as the pixel format has them, rows × cols. A client that sets
+  /// a smaller region of unpacked pixels gets that cut-out.
+  FakeGigeCamera(int rows, int cols, std::vector<std::vector<std::byte>> images,
+                 const FakeGigeOptions& options = {});
+  ~FakeGigeCamera();
+  FakeGigeCamera(const FakeGigeCamera&) = delete;
+  FakeGigeCamera& operator=(const FakeGigeCamera&) = delete;
+
+  /// Which of `images` the frame shows whose number, wrapped or counted on, is `sequence`.
+  static std::size_t image_of(std::int64_t sequence, std::size_t images);
+
+  void set_lost_packet_ratio(double ratio);
+  /// Frames sent since the beginning.
+  std::int64_t frames_sent() const { return frames_sent_; }
+
+ private:
+  static void fill(_ArvBuffer* buffer, void* self, std::uint32_t exposure_us, std::uint32_t gain,
+                   std::uint32_t pixel_format);
+
+  const int rows_;
+  const int cols_;
+  const std::vector<std::vector<std::byte>> images_;
+  const bool once_;
+  _ArvGvFakeCamera* camera_ = nullptr;
+  std::atomic<std::int64_t> frames_sent_{0};
+};
+
+}  // namespace curlew
