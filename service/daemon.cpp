@@ -20,6 +20,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr int kTickMs = 100;
 constexpr int kCleanSecondsToRecover = 3;
+constexpr int kQuietSeconds = 2;  // without results, until the status says so
 constexpr auto kLongestSilence = std::chrono::seconds(20);  // of a live connecting thread
 
 bool is_simulated(const Config& config) { return config.camera.source.rfind("sim:", 0) == 0; }
@@ -177,7 +178,13 @@ void Daemon::every_second() {
     if (placement_) tell_refusals(placement_->refused());
   }
   status.results = results_;
+  // A window ends with a frame, so a second may pass without one.
   if (statistics_.take(status.window))
+    quiet_seconds_ = 0;
+  else if (++quiet_seconds_ < kQuietSeconds)
+    status.window = last_window_;
+  last_window_ = status.window;
+  if (status.window.frames > 0)
     status.frames_per_s = static_cast<double>(status.window.frames) / status.window.seconds;
   judge(status.frames, status.superseded, status.window);
   {

@@ -138,6 +138,8 @@ class Daemon {
   FrameCounts judged_counts_;
   std::int64_t judged_superseded_ = 0;
   int clean_seconds_ = 0;
+  StatusWindow last_window_;
+  int quiet_seconds_ = 0;
 };
 
 }  // namespace curlew

@@ -248,6 +248,28 @@ TEST_F(Daemon, ReloadKeepsTheOldPlanWhereTheNewOneIsBad) {
   EXPECT_EQ(lines.back()["vortices"].size(), 0U) << "the new one is told not to";
 }
 
+// 512×512 u16 as fast as the fake camera sends. What the machine's other work makes the kernel drop
+// is counted; what must never happen is that the camera finds no buffer of ours.
+TEST_F(Daemon, TheCameraAlwaysFindsABufferAtFullRate) {
+  const char* asked = std::getenv("CURLEW_FULL_RATE_SECONDS");
+  const std::string length_s = asked == nullptr ? "5" : asked;
+  const std::string size = "--rows 32 --cols 32 --window 16 ";
+  run("simulate --preset plane " + size + "--frames 20 --photons 50000 --bits 16 --out ref.fits");
+  run("calibrate ref.fits --out sensor.fits");
+  run("simulate --preset vortex " + size + "--photons 5000 --frames 20 --out beam.fits");
+  const auto server = serve({"--rate", "2000"});
+  const std::string config = scratch_ / "large_packets.toml";
+  write_bytes(config, "[camera]\npacket_size_bytes = 8192\n");
+  const auto curlew = daemon({"--config", config, "--camera", "aravis:127.0.0.1", "--sensor",
+                              scratch_ / "sensor.fits", "--seconds", length_s});
+  ASSERT_EQ(curlew->wait(seconds(120)), 0) << curlew->err();
+  const Account account(curlew->out());
+  expect_balanced(account);
+  EXPECT_GT(account.results, 100);
+  EXPECT_EQ(number_before(curlew->out(), " for want of a buffer"), 0);
+  std::printf("512 x 512 Mono16, %s s\n%s", length_s.c_str(), curlew->out().c_str());
+}
+
 void become_nobody() {
   constexpr unsigned kNobody = 65534;
   if (geteuid() == 0 && (setgid(kNobody) != 0 || setuid(kNobody) != 0)) _exit(126);
