@@ -52,7 +52,10 @@ bool comes_and_goes(const CameraOptions& options) {
 
 std::vector<CameraListing> list_cameras() {
   std::vector<CameraListing> listings = list_aravis_cameras();
-  for (CameraListing& listing : list_usb_cameras()) listings.push_back(std::move(listing));
+  // Aravis lists the USB3 Vision devices that this user may open, and only those.
+  for (CameraListing& listing : list_usb_cameras())
+    if (listing.source.rfind("usb:", 0) == 0 || !listing.problem.empty())
+      listings.push_back(std::move(listing));
   return listings;
 }
 

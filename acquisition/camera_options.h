@@ -14,20 +14,25 @@ enum class Trigger {
   kSoftware,  ///< Camera::trigger() starts a frame
 };
 
-/// One value per pixel, as a plain bulk-streaming USB camera sends frames.
+/// What a plain bulk-streaming USB camera sends: frame after frame on one bulk IN endpoint, each
+/// `header_bytes`, then rows × cols pixels, row by row without padding, then `trailer_bytes`.
+/// Frames are told apart by sync where it is given; else every frame, and nothing else, ends with a
+/// short packet (an empty one where its bytes are a multiple of the packet size). A camera with
+/// sync that ends frames with short packets too has them delivered at once; without, a frame is
+/// known to be whole only when the next one begins, so choose transfer_bytes below a frame.
 struct UsbLayout {
   int interface_number = 0;  ///< interface with the bulk IN endpoint
   int alternate_setting = 0;
-  int endpoint = 0x81;    ///< address of the bulk IN endpoint
-  int rows = 0;           ///< of a frame
-  int cols = 0;           ///< of a frame
-  int bits = 16;          ///< 8: a byte a pixel; 10 to 16: two bytes, little endian
-  int header_bytes = 0;   ///< before the pixels of a frame, skipped
-  int trailer_bytes = 0;  ///< after the pixels of a frame, skipped
-  std::string sync;       ///< hexadecimal; what the header begins with, to find the frames' start
-  int sequence_offset = -1;  ///< of a 32-bit little-endian frame number in the header; −1: none
-  int transfer_bytes = 1 << 18;  ///< of one asynchronous transfer
-  int transfers = 16;            ///< under way at once
+  int endpoint = 0x81;       ///< address of the bulk IN endpoint
+  int rows = 0;              ///< of a frame; must be set
+  int cols = 0;              ///< of a frame; must be set
+  int bits = 16;             ///< 8: a byte a pixel; 10 to 16: two bytes, little endian
+  int header_bytes = 0;      ///< before the pixels of a frame, with sync and frame number
+  int trailer_bytes = 0;     ///< after the pixels of a frame, skipped
+  std::string sync;          ///< hexadecimal, as a55a01ff; what every header begins with
+  int sequence_offset = -1;  ///< of a 32-bit little-endian frame number in the header; −1: counted
+  int transfer_bytes = 1 << 18;  ///< of one transfer; a multiple of the endpoint's packet size
+  int transfers = 16;  ///< under way at once; all together below the kernel's usbfs_memory_mb
 };
 
 struct CameraOptions {
