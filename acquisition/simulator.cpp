@@ -154,9 +154,13 @@ LensletGrid Simulator::grid() const {
   return grid;
 }
 
-std::vector<TruthVortex> Simulator::truth(std::int64_t frame) {
+std::vector<SceneVortex> Simulator::vortices(std::int64_t frame) {
   move_beam_to(frame);
-  const std::vector<SceneVortex> all = beam_.vortices(frame);
+  return beam_.vortices(frame);
+}
+
+std::vector<TruthVortex> Simulator::truth(std::int64_t frame) {
+  const std::vector<SceneVortex> all = vortices(frame);
   std::vector<TruthVortex> seen;
   for (const SceneVortex& vortex : all) {
     if (!(std::abs(vortex.x - 0.5 * (options_.cols - 1)) <= 0.5 * options_.cols) ||

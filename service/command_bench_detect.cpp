@@ -54,9 +54,8 @@ void announce(const DetectionBenchmarkOptions& options, const RealisationCache& 
                           options.field.window_px;
   megabytes = megabytes * options.threads +
               image_mb * (options.test_realisations + options.validation_realisations);
-  fmt::print(stderr, "{} realisations, {} of them in {}; about {:.0f} s on {} threads, {:.0f} MB\n",
-             realisations, kept, cache.folder().empty() ? "memory" : cache.folder(),
-             std::ceil(seconds / options.threads), options.threads, megabytes);
+  fmt::print(stderr, "{} realisations, {} of them kept from before; about {:.0f} s, {:.0f} MB\n",
+             realisations, kept, std::ceil(seconds / options.threads), megabytes);
 }
 
 std::string photons_text(double photons) {
@@ -106,24 +105,26 @@ nlohmann::ordered_json results_json(const DetectionBenchmarkOptions& options,
   return json;
 }
 
-/// ".683 [.65 .71]"
+/// The value and half the width of its interval.
 std::string figure(const DetectionRowResult& row, double DetectionScore::*value) {
   if (!std::isfinite(row.score.*value)) return "–";
   const Interval interval = interval_of(row.samples, value);
-  return fmt::format("{:.3f} [{:.2f} {:.2f}]", row.score.*value, interval.low, interval.high);
+  return fmt::format("{:.3f} ± {:.2f}", row.score.*value, 0.5 * (interval.high - interval.low));
 }
 
 std::string table(const DetectionCellResult& cell, int frames) {
   std::string text = fmt::format(
-      "\nRytov variance {}, {}: {} required vortices in {} frames, {:.2f} ms to measure a frame\n"
-      "{:<22} {:>19} {:>19} {:>19} {:>19} {:>19} {:>19} {:>8}\n",
-      cell.rytov_variance, photons_text(cell.photons), cell.required, frames, cell.measuring_ms, "",
-      "F1", "best F1", "precision", "recall", "rms", "rms isolated", "µs");
+      "\nRytov variance {}, {}: {} vortices in {} frames, {:.2f} ms to measure a frame\n{:<21}",
+      cell.rytov_variance, photons_text(cell.photons), cell.required, frames, cell.measuring_ms,
+      "");
+  for (const char* heading : {"F1", "best F1", "av. prec.", "recall", "rms", "isolated"})
+    text += fmt::format(" {:>12}", heading);
+  text += fmt::format(" {:>7}\n", "µs");
   for (const DetectionRowResult& row : cell.rows) {
-    text += fmt::format("{:<22}", row.name);
+    text += fmt::format("{:<21}", row.name);
     for (const ScoreMember& member : kScoreMembers)
-      text += fmt::format(" {:>19}", figure(row, member.value));
-    text += fmt::format(" {:>8.1f}\n", row.microseconds);
+      text += fmt::format(" {:>12}", figure(row, member.value));
+    text += fmt::format(" {:>7.1f}\n", row.microseconds);
   }
   return text;
 }
@@ -142,8 +143,8 @@ void bench_detect(DetectOptionsOfBench options) {
   const int per_cell = benchmark.test_realisations + benchmark.validation_realisations;
   std::vector<DetectionCellResult> cells;
   {
-    Progress progress("fields",
-                      static_cast<std::int64_t>(benchmark.rytov_variances.size()) * per_cell);
+    const auto n = static_cast<std::int64_t>(benchmark.rytov_variances.size()) * per_cell;
+    Progress progress("fields", n);
     cells = run_detection_benchmark(benchmark, cache, [&] {
       progress.step();
       if (interrupted()) {
@@ -158,9 +159,10 @@ void bench_detect(DetectOptionsOfBench options) {
     return;
   }
   fmt::print(
-      "{}, {} build: F1 at the threshold best for {} other frames; average precision; recall "
-      "at {} false\nalarms a frame; rms in pitches, of all hits and of vortices over {} "
-      "from any other; [95 % interval]\n",
+      "{}, {} build\nF1 at the threshold best for {} other frames, and at the best for these; "
+      "average "
+      "precision; recall at\n{} false alarms a frame; rms error in pitches, of all hits and of "
+      "vortices over {} from any other;\n± half of the 95 % interval\n",
       kProgram, kBuildType, benchmark.validation_realisations, kStatedFalseAlarms, kIsolation);
   for (const DetectionCellResult& cell : cells)
     fmt::print("{}", table(cell, benchmark.test_realisations));

@@ -1,9 +1,11 @@
 #include "service/detection_benchmark.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cstddef>
 #include <memory>
 #include <mutex>
+#include <utility>
 
 #include "service/detection_rows.h"
 #include "service/parallel.h"
@@ -13,9 +15,19 @@ namespace {
 
 constexpr std::uint64_t kBootstrapSeed = 20070401;
 
-using Clock = std::chrono::steady_clock;
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
+/// How long it takes to do something, µs.
+template <typename Do>
+double time_us(Do something) {
+  const auto start = std::chrono::steady_clock::now();
+  something();
+  return std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - start)
+      .count();
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
 }
 
 std::size_t size(int n) { return static_cast<std::size_t>(n); }
@@ -42,38 +54,33 @@ Fields load_fields(const FieldParameters& parameters, Subset subset, int n, int 
   return fields;
 }
 
-/// What all detectors make of one subset: [row][frame].
+/// What one detector makes of one subset, by frame.
 struct Judged {
-  std::vector<std::vector<FrameVerdicts>> verdicts;
-  std::vector<double> finding_s;  // [row], of all frames
-  double measuring_s = 0.0;
+  explicit Judged(std::size_t frames) : verdicts(frames), finding_us(frames) {}
+  std::vector<FrameVerdicts> verdicts;
+  std::vector<double> finding_us;
 };
 
-Judged judge(const MeasurementPlan& plan, const std::vector<DetectorRow>& rows,
-             const Fields& fields, int threads) {
+/// measuring_us: [frames], overwritten.
+std::vector<Judged> judge(const MeasurementPlan& plan, const std::vector<DetectorRow>& rows,
+                          const Fields& fields, int threads, std::vector<double>& measuring_us) {
   const auto n = fields.realisations.size();
-  Judged judged{std::vector(rows.size(), std::vector<FrameVerdicts>(n)),
-                std::vector<double>(rows.size()), 0.0};
+  std::vector<Judged> judged(rows.size(), Judged(n));
+  measuring_us.resize(n);
   std::vector<std::unique_ptr<MeasuredFrame>> frames(size(threads));
   const Interior interior{plan.parameters().rows, plan.parameters().cols};
-  std::mutex adding;
-  for_each_in_parallel(static_cast<int>(n), threads, [&](int i, int thread) {
+  for_each_in_parallel(static_cast<int>(n), threads, [&](int index, int thread) {
+    const std::size_t i = size(index);
     auto& frame = frames[size(thread)];
     if (!frame) frame = std::make_unique<MeasuredFrame>(plan);
-    const Clock::time_point start = Clock::now();
-    measure_frame(plan, fields.realisations[size(i)], realisation_seed(fields.subset, i), *frame);
-    const double measuring_s = seconds_since(start);
+    measuring_us[i] = time_us([&] {
+      measure_frame(plan, fields.realisations[i], realisation_seed(fields.subset, index), *frame);
+    });
     for (std::size_t row = 0; row < rows.size(); ++row) {
-      const Clock::time_point asked = Clock::now();
-      std::vector<Candidate> candidates = rows[row].find(*frame);
-      const double finding_s = seconds_since(asked);
-      judged.verdicts[row][size(i)] =
-          judge_frame(std::move(candidates), fields.truths[size(i)], interior);
-      const std::scoped_lock lock(adding);
-      judged.finding_s[row] += finding_s;
+      std::vector<Candidate> candidates;
+      judged[row].finding_us[i] = time_us([&] { candidates = rows[row].find(*frame); });
+      judged[row].verdicts[i] = judge_frame(std::move(candidates), fields.truths[i], interior);
     }
-    const std::scoped_lock lock(adding);
-    judged.measuring_s += measuring_s;
   });
   return judged;
 }
@@ -81,23 +88,23 @@ Judged judge(const MeasurementPlan& plan, const std::vector<DetectorRow>& rows,
 DetectionCellResult run_cell(const MeasurementPlan& plan, const Fields& validation,
                              const Fields& test, const DetectionBenchmarkOptions& options) {
   const std::vector<DetectorRow> rows = make_detector_rows(plan);
-  const Judged chosen_on = judge(plan, rows, validation, options.threads);
-  const Judged stated_on = judge(plan, rows, test, options.threads);
+  std::vector<double> measuring_us;
+  const auto chosen_on = judge(plan, rows, validation, options.threads, measuring_us);
+  const auto stated_on = judge(plan, rows, test, options.threads, measuring_us);
   DetectionCellResult cell;
   cell.rytov_variance = plan.parameters().rytov_variance;
   cell.photons = plan.options().photons;
-  const auto n = static_cast<double>(test.realisations.size());
-  cell.measuring_ms = 1e3 * stated_on.measuring_s / n;
+  cell.measuring_ms = 1e-3 * median(measuring_us);
   for (std::size_t row = 0; row < rows.size(); ++row) {
-    const DetectionRecord record(stated_on.verdicts[row]);
+    const DetectionRecord record(stated_on[row].verdicts);
     cell.required = record.required();
     DetectionRowResult result;
     result.name = rows[row].name;
     result.method = rows[row].method;
-    result.threshold = DetectionRecord(chosen_on.verdicts[row]).best_threshold();
+    result.threshold = DetectionRecord(chosen_on[row].verdicts).best_threshold();
     result.score = record.score(result.threshold);
     result.samples = record.bootstrap(result.threshold, options.bootstrap_samples, kBootstrapSeed);
-    result.microseconds = 1e6 * stated_on.finding_s[row] / n;
+    result.microseconds = median(stated_on[row].finding_us);
     cell.rows.push_back(std::move(result));
   }
   return cell;

@@ -16,8 +16,8 @@ struct DetectionBenchmarkOptions {
   std::vector<double> rytov_variances{1.0, 2.0, 4.0};
   std::vector<double> photons{kWithoutNoise, 1000.0, 200.0};
   MeasurementOptions measurement;  ///< its photons are not used; without noise always plain
-  int test_realisations = 40;
-  int validation_realisations = 40;
+  int test_realisations = 100;
+  int validation_realisations = 60;
   int bootstrap_samples = 1000;
   int threads = 1;
 };
@@ -29,14 +29,14 @@ struct DetectionRowResult {
   double threshold = 0.0;  ///< best for the validation subset
   DetectionScore score;    ///< of the test subset
   std::vector<DetectionScore> samples;
-  double microseconds = 0.0;  ///< a frame
+  double microseconds = 0.0;  ///< a frame, median
 };
 
 struct DetectionCellResult {
   double rytov_variance = 0.0;
   double photons = 0.0;
-  int required = 0;  ///< vortices in the test subset
-  double measuring_ms = 0.0;
+  int required = 0;           ///< vortices in the test subset
+  double measuring_ms = 0.0;  ///< a frame, median
   std::vector<DetectionRowResult> rows;
 };
 

@@ -149,9 +149,10 @@ Realisation RealisationCache::read_or_simulate(const FieldParameters& parameters
 }
 
 std::string default_realisation_folder() {
-  const char* cache = std::getenv("XDG_CACHE_HOME");
+  // Nothing here sets the environment, so reading it is safe.
+  const char* cache = std::getenv("XDG_CACHE_HOME");  // NOLINT(concurrency-mt-unsafe)
   if (cache != nullptr && *cache != '\0') return std::string(cache) + "/curlew/detection";
-  const char* home = std::getenv("HOME");
+  const char* home = std::getenv("HOME");  // NOLINT(concurrency-mt-unsafe)
   if (home != nullptr && *home != '\0') return std::string(home) + "/.cache/curlew/detection";
   return {};
 }

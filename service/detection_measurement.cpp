@@ -186,21 +186,6 @@ void measure_frame(const MeasurementPlan& plan, const Realisation& realisation, 
   if (plan.noisy()) {
     expose_with_noise(plan, realisation.light, seed, measured.frame);
     find_centroids(plan.centroid(), measured.frame.view(), measured.centroids);
-    if (const char* hack = std::getenv("HARD")) {
-      const double cut = atof(hack) * plan.flux_unit_adu() / plan.options().photons;
-      const auto* counts = measured.frame.view().data<std::uint16_t>();
-      const int w = plan.parameters().window_px, C = plan.format().cols;
-      auto& c = measured.centroids;
-      for (int r = 0; r < plan.parameters().rows; ++r) for (int q = 0; q < plan.parameters().cols; ++q) {
-        double s = 0, sx = 0, sy = 0;
-        for (int i = 0; i < w; ++i) for (int j = 0; j < w; ++j) {
-          double v = counts[(r*w+i)*C + q*w+j] - kBiasAdu; if (v < cut) continue;
-          s += v; sx += v*(q*w+j); sy += v*(r*w+i);
-        }
-        if (s > 0) { c.x_px(r,q) = (float)(sx/s); c.y_px(r,q) = (float)(sy/s); c.state(r,q)=LensletState::kValid; c.flux_adu(r,q)=(float)s; }
-        else c.state(r,q)=LensletState::kFaint;
-      }
-    }
   } else {
     Image<float> scale(plan.parameters().rows, plan.parameters().cols);
     expose_without_noise(plan, realisation.light, measured.frame, scale);

@@ -87,8 +87,8 @@ struct MeasuredFrame {
 };
 
 /// Draws the noise of (seed, photons) and measures. The same arguments give the same bits. One plan
-/// and realisation serve many threads, each with a MeasuredFrame of its own. .3 ms a frame of
-/// 16×16 lenslets.
+/// and realisation serve many threads, each with a MeasuredFrame of its own. Half a ms
+/// a frame of 16×16 lenslets with noise, which is drawing photons; .06 ms without.
 void measure_frame(const MeasurementPlan& plan, const Realisation& realisation, std::uint64_t seed,
                    MeasuredFrame& measured);
 

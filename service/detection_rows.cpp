@@ -104,9 +104,6 @@ std::vector<Candidate> extrema(const Image<float>& potential) {
             extreme = extreme && charge * value_at(potential, i, j) <= value;
           }
         }
-        if (std::getenv("PROM")) { double su=0; int n=0;
-          for (int i = r - 1; i <= r + 1; ++i) for (int j = c - 1; j <= c + 1; ++j) if (potential.contains(i,j) && (i!=r||j!=c)) {su += charge*value_at(potential,i,j); ++n;}
-          if (extreme) found.push_back({c + 0.5, r + 0.5, charge, value-su/n}); continue; }
         if (extreme) found.push_back({c + 0.5, r + 0.5, charge, value});
       }
     }
