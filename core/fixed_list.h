@@ -31,6 +31,9 @@ class FixedList {
     overflow_ = 0;
   }
 
+  /// Drops all items from `size` on, which is at most size().
+  void shorten(std::size_t size) noexcept { size_ = size; }
+
   std::size_t size() const { return size_; }
   bool empty() const { return size_ == 0; }
   std::size_t capacity() const { return items_.size(); }

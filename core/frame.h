@@ -37,6 +37,7 @@ struct FrameFormat {
     return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
   }
   std::size_t bytes() const { return pixels() * static_cast<std::size_t>(pixel_type); }
+  bool operator==(const FrameFormat&) const = default;
 };
 
 struct FrameHeader {

@@ -18,7 +18,9 @@ class Wakeup {
   void signal() noexcept { semaphore_.signal(); }
   void wait() noexcept { semaphore_.wait(); }
   /// false where no signal came in time. timeout_us 0 only looks.
-  bool wait_for(std::int64_t timeout_us) noexcept { return semaphore_.wait(timeout_us); }
+  bool wait_for(std::int64_t timeout_us) noexcept {
+    return timeout_us > 0 ? semaphore_.wait(timeout_us) : semaphore_.tryWait();
+  }
 
  private:
   static constexpr int kSpins = 2000;  // some 10 µs

@@ -2,19 +2,23 @@
 
 #include <poll.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
+#include <chrono>
 #include <cstring>
+#include <system_error>
 
 #include "core/error.h"
 
 namespace curlew {
 namespace {
 
-constexpr int kPatienceMs = 2000;  // with somebody who has connected
+constexpr std::chrono::milliseconds kPatience{2000};  // with somebody who has connected
 
 sockaddr_un address_of(const std::string& path) {
   sockaddr_un address{};
@@ -40,6 +44,8 @@ class Descriptor {
   int fd_;
 };
 
+std::string last_error() { return std::error_code(errno, std::generic_category()).message(); }
+
 int new_socket() { return socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0); }
 
 bool connects(int fd, const sockaddr_un& address) {
@@ -51,11 +57,17 @@ bool readable(int fd, int timeout_ms) {
   return poll(&wanted, 1, timeout_ms) == 1;
 }
 
-/// Up to the end of the line, or what came before patience ended.
+/// Up to the end of the line, or what came before patience ended, also with one who dribbles.
 std::string read_line(int fd) {
+  using Clock = std::chrono::steady_clock;
+  const auto end = Clock::now() + kPatience;
+  const auto left_ms = [&] {
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - Clock::now());
+    return static_cast<int>(std::max<std::chrono::milliseconds::rep>(0, left.count()));
+  };
   std::string line;
   std::array<char, 512> bytes{};
-  while (line.find('\n') == std::string::npos && line.size() < 65536 && readable(fd, kPatienceMs)) {
+  while (line.find('\n') == std::string::npos && line.size() < 65536 && readable(fd, left_ms())) {
     const ssize_t count = recv(fd, bytes.data(), bytes.size(), 0);
     if (count <= 0) break;
     line.append(bytes.data(), static_cast<std::size_t>(count));
@@ -81,12 +93,16 @@ ControlSocket::ControlSocket(const std::string& path) : path_(path) {
     const Descriptor probe(new_socket());
     if (connects(probe.fd(), address))
       throw Failure("another curlew listens at " + path + ", give this one another control socket");
-    if (errno == ECONNREFUSED) unlink(path.c_str());
+    // Whatever is no socket refuses as well, and is somebody's file.
+    struct stat left_behind {};
+    if (errno == ECONNREFUSED && lstat(path.c_str(), &left_behind) == 0 &&
+        S_ISSOCK(left_behind.st_mode))
+      unlink(path.c_str());
   }
   listening_ = new_socket();
   if (bind(listening_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0 ||
       listen(listening_, 4) != 0) {
-    const std::string reason = std::strerror(errno);
+    const std::string reason = last_error();
     close(listening_);
     throw Failure("the control socket " + path + " cannot be made: " + reason);
   }
@@ -98,7 +114,7 @@ ControlSocket::~ControlSocket() {
 }
 
 void ControlSocket::serve(int timeout_ms,
-                          const std::function<std::string(const std::string&)>& answer) {
+                          const std::function<std::string(const std::string&)>& answer) const {
   if (!readable(listening_, timeout_ms)) return;
   const Descriptor peer(accept4(listening_, nullptr, nullptr, SOCK_CLOEXEC));
   if (peer.fd() >= 0) write_line(peer.fd(), answer(read_line(peer.fd())));
@@ -107,7 +123,7 @@ void ControlSocket::serve(int timeout_ms,
 std::string ask_daemon(const std::string& path, const std::string& word) {
   const Descriptor peer(new_socket());
   if (!connects(peer.fd(), address_of(path)))
-    throw Failure("no curlew listens at " + path + ": " + std::strerror(errno));
+    throw Failure("no curlew listens at " + path + ": " + last_error());
   write_line(peer.fd(), word);
   std::string answer = read_line(peer.fd());
   if (answer.empty()) throw Failure("the curlew at " + path + " does not answer");

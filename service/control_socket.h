@@ -17,7 +17,7 @@ class ControlSocket {
   ControlSocket& operator=(const ControlSocket&) = delete;
 
   /// Waits up to timeout_ms for somebody to ask, and answers. Returns earlier where a signal comes.
-  void serve(int timeout_ms, const std::function<std::string(const std::string&)>& answer);
+  void serve(int timeout_ms, const std::function<std::string(const std::string&)>& answer) const;
 
  private:
   std::string path_;

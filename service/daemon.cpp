@@ -70,10 +70,14 @@ Daemon::~Daemon() = default;
 DaemonReport Daemon::run() {
   spdlog::info("state={} {}", name_of(state_), config_.camera.source);
   std::unique_ptr<UsbWatcher> usb;
-  if (comes_and_goes(config_.camera))
-    usb = std::make_unique<UsbWatcher>([this](UsbChange change) {
-      if (change == UsbChange::kArrived) wake();
-    });
+  try {
+    if (comes_and_goes(config_.camera))
+      usb = std::make_unique<UsbWatcher>([this](UsbChange change) {
+        if (change == UsbChange::kArrived) wake();
+      });
+  } catch (const Failure& failure) {
+    spdlog::warn("{}; arrivals are noticed later", failure.what());  // a network camera needs none
+  }
   std::thread connecting([this] {
     try {
       connect_until_stopped();
@@ -84,14 +88,20 @@ DaemonReport Daemon::run() {
     const std::lock_guard lock(mutex_);
     finished_ = true;
   });
-  supervisor_.ready("searching");
-  supervise();
+  std::exception_ptr failure;
+  try {
+    supervisor_.ready("searching");
+    supervise();
+  } catch (...) {
+    failure = std::current_exception();
+    request_stop();
+  }
   connecting.join();
   if (recorder_) recorder_->finish();
   DaemonReport report = report_so_far();
-  if (writer_) report.unwritten = writer_->dropped();
-  writer_.reset();
+  if (writer_) report.unwritten = writer_->finish();
   if (fatal_) std::rethrow_exception(fatal_);
+  if (failure) std::rethrow_exception(failure);
   return report;
 }
 
@@ -133,11 +143,11 @@ void Daemon::reload() {
   try {
     Config config = configure_();
     Sensor sensor = sensor_for(config);
-    std::optional<FrameFormat> format;
     {
       const std::lock_guard lock(mutex_);
-      format = format_;
-      for (const std::string& section : changed_sections(config_, config))
+      Config rest = config;
+      rest.daemon.sensor = config_.daemon.sensor;  // is taken up
+      for (const std::string& section : changed_sections(config_, rest))
         if (section == "pipeline" || section == "realtime" || section == "recorder" ||
             section == "daemon")
           spdlog::warn("reload: [{}] takes effect when curlew is started again", section);
@@ -147,9 +157,16 @@ void Daemon::reload() {
       config.realtime = config_.realtime;
       config.recorder = config_.recorder;
     }
+    std::unique_lock lock(mutex_);
+    std::optional<FrameFormat> format;
     std::shared_ptr<const Plan> plan;
-    if (format) plan = std::make_shared<const Plan>(sensor, *format, config);
-    const std::lock_guard lock(mutex_);
+    do {  // again where another camera was connected meanwhile
+      format = format_;
+      lock.unlock();
+      if (format) plan = std::make_shared<const Plan>(sensor, *format, config);
+      lock.lock();
+    } while (format != format_);
+    if (!format) plan.reset();
     config_ = std::move(config);
     sensor_ = std::move(sensor);
     pending_plan_ = std::move(plan);
@@ -203,17 +220,13 @@ void Daemon::judge(const FrameCounts& counts, std::int64_t superseded, const Sta
   judged_superseded_ = superseded;
   const bool clean = dropped == 0 && passed_over == 0 && window.late == 0;
   clean_seconds_ = clean ? clean_seconds_ + 1 : 0;
-  DaemonState state{};
-  {
-    const std::lock_guard lock(mutex_);
-    state = state_;
-  }
-  if (state == DaemonState::kStreaming && !clean)
+  if (!clean)
     set_state(DaemonState::kDegraded,
               fmt::format("{} frames lost or damaged, {} superseded, {} late in a second", dropped,
-                          passed_over, window.late));
-  else if (state == DaemonState::kDegraded && clean_seconds_ >= kCleanSecondsToRecover)
-    set_state(DaemonState::kStreaming, "");
+                          passed_over, window.late),
+              DaemonState::kStreaming);
+  else if (clean_seconds_ >= kCleanSecondsToRecover)
+    set_state(DaemonState::kStreaming, "", DaemonState::kDegraded);
 }
 
 /// The words of `curlew control`.
@@ -233,7 +246,8 @@ std::string Daemon::answer(const std::string& word) {
     json["connections"] = report.connections;
     json["recorded"] = report.recorder.recorded;
     json["unrecorded"] = report.recorder.dropped;
-    return json.dump();
+    // What a camera calls itself need not be UTF-8.
+    return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
   }
   if (word == "trigger") {
     if (!recorder_ || config_.recorder.mode != RecordMode::kTrigger)
@@ -259,8 +273,10 @@ void Daemon::tell_refusals(const std::vector<std::string>& sentences) {
     if (told_refusals_.insert(sentence).second) spdlog::warn("{}", sentence);
 }
 
-void Daemon::set_state(DaemonState state, const std::string& reason) {
+void Daemon::set_state(DaemonState state, const std::string& reason,
+                       std::optional<DaemonState> only_from) {
   const std::lock_guard lock(mutex_);
+  if (only_from && state_ != *only_from) return;
   if (state == state_ && reason == state_reason_) return;
   // A camera that is not there would fill the log with attempts.
   const bool attempt = (state == DaemonState::kSearching && state_ == DaemonState::kOpening) ||

@@ -92,7 +92,9 @@ class Daemon {
 
   // Either.
   void tell_refusals(const std::vector<std::string>& sentences);
-  void set_state(DaemonState state, const std::string& reason);
+  /// only_from: nothing happens in another state.
+  void set_state(DaemonState state, const std::string& reason,
+                 std::optional<DaemonState> only_from = {});
   void request_stop();
   void wake();
   Config current_config() const;

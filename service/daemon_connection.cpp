@@ -15,10 +15,11 @@ using Clock = std::chrono::steady_clock;
 
 constexpr double kFirstPauseS = 0.1;
 
-std::string reason_of(LiveFeed::End end, const Camera& camera, double timeout_s) {
-  if (end == LiveFeed::End::kTimedOut)
-    return fmt::format("no frame for {:.3g} s from {}", timeout_s, camera.description());
-  return camera.failure();
+std::string reason_of(LiveFeed::End end, const Camera& camera, const CameraOptions& options) {
+  if (end != LiveFeed::End::kTimedOut) return camera.failure();
+  const bool triggered = options.trigger == Trigger::kLine || options.trigger == Trigger::kSoftware;
+  return fmt::format("no frame for {:.3g} s from {}{}", options.timeout_s, camera.description(),
+                     triggered ? "; set timeout_s = 0 in [camera] where triggers may rest" : "");
 }
 
 }  // namespace
@@ -47,6 +48,7 @@ void Daemon::connect_until_stopped() {
     pause(pause_s);
     pause_s = std::min(2.0 * pause_s, config.camera.max_backoff_s);
   }
+  set_state(DaemonState::kStopping, "");
 }
 
 /// One connection from opening to losing it. Returns whether it gave any frame.
@@ -71,11 +73,9 @@ bool Daemon::connect(const Config& config) {
 /// Plan, slots, recorder for frames of this format; kept from the last connection where they fit.
 void Daemon::prepare(const FrameFormat& format) {
   const std::lock_guard lock(mutex_);
-  const bool same =
-      format_ && format_->rows == format.rows && format_->cols == format.cols &&
-      format_->pixel_type == format.pixel_type && format_->offset_x_px == format.offset_x_px &&
-      format_->offset_y_px == format.offset_y_px && format_->binning == format.binning;
-  if (same && pipeline_) return;
+  if (format_ == format) return;
+  format_.reset();  // until all fits the new one
+  pipeline_.reset();
   auto plan = std::make_shared<const Plan>(sensor_, format, config_);
   if (!placement_)
     placement_ =
@@ -105,7 +105,15 @@ void Daemon::stream(Camera& camera, const Config& config) {
   }
   LiveFeed::End end{};
   const std::int64_t before = results_;
-  {
+  const auto settle_accounts = [&] {
+    const std::lock_guard lock(mutex_);
+    camera_ = nullptr;
+    exchange_ = nullptr;
+    totals_.frames += camera.counts();
+    totals_.superseded += exchange.superseded();
+    totals_.unprocessed += exchange.delivered() - exchange.superseded() - (results_ - before);
+  };
+  try {
     const Streaming streaming(camera, exchange);
     {
       const std::lock_guard lock(mutex_);
@@ -115,21 +123,19 @@ void Daemon::stream(Camera& camera, const Config& config) {
     for (const std::string& note : camera.notes()) spdlog::info("{}", note);
     set_state(DaemonState::kStreaming, camera.description());
     end = run_pipeline(exchange, config);
-    if (end == LiveFeed::End::kClosed || end == LiveFeed::End::kTimedOut)
-      set_state(DaemonState::kLost, reason_of(end, camera, config.camera.timeout_s));
-    else
+    const bool over = end == LiveFeed::End::kClosed && camera.failure().empty();
+    if (over || end == LiveFeed::End::kLimit) request_stop();
+    if (control_.stop)
       set_state(DaemonState::kStopping, "");
+    else
+      set_state(DaemonState::kLost, reason_of(end, camera, config.camera));
+  } catch (...) {
+    settle_accounts();
+    throw;
   }
-  {
-    const std::lock_guard lock(mutex_);
-    camera_ = nullptr;
-    exchange_ = nullptr;
-    totals_.frames += camera.counts();
-    totals_.superseded += exchange.superseded();
-    totals_.unprocessed += exchange.delivered() - exchange.superseded() - (results_ - before);
-  }
-  const bool ended = end == LiveFeed::End::kClosed && camera.failure().empty();
-  if (ended || end == LiveFeed::End::kLimit) request_stop();
+  settle_accounts();
+  // It would begin with its first frame again, and fail again.
+  if (!camera.failure().empty() && !comes_and_goes(config.camera)) throw Failure(camera.failure());
 }
 
 /// Runs it in a thread of its own, so that its CPU and priority do not pass on to threads that are
@@ -141,7 +147,8 @@ LiveFeed::End Daemon::run_pipeline(FrameExchange& exchange, const Config& config
   if (limits_.seconds < 1e9)
     limits.until = started_ + std::chrono::duration_cast<Clock::duration>(
                                   std::chrono::duration<double>(limits_.seconds));
-  limits.timeout_s = config.camera.timeout_s;
+  // A recording that is played slowly is not lost.
+  limits.timeout_s = comes_and_goes(config.camera) ? config.camera.timeout_s : 0.0;
   LiveFeed feed(exchange, limits, control_);
   const std::int64_t dropped_before = totals_.results.dropped;
   Publisher publisher;
@@ -175,10 +182,15 @@ Config Daemon::current_config() const {
   return config_;
 }
 
+/// Gives signs of life: a long pause is no reason for the watchdog to bite.
 void Daemon::pause(double seconds) {
+  const auto end = Clock::now() + std::chrono::duration_cast<Clock::duration>(
+                                      std::chrono::duration<double>(seconds));
   std::unique_lock lock(mutex_);
-  woken_.wait_for(lock, std::chrono::duration<double>(seconds),
-                  [this] { return wake_up_ || control_.stop.load(); });
+  while (!wake_up_ && !control_.stop && Clock::now() < end) {
+    ++control_.signs_of_life;
+    woken_.wait_until(lock, std::min(end, Clock::now() + std::chrono::seconds(1)));
+  }
   wake_up_ = false;
 }
 

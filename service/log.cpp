@@ -20,7 +20,7 @@ Log::Log(const std::string& level) {
       "curlew", std::make_shared<spdlog::sinks::stderr_sink_mt>(), spdlog::thread_pool(),
       spdlog::async_overflow_policy::overrun_oldest);
   // The journal has its own clock.
-  const bool journal = std::getenv("JOURNAL_STREAM") != nullptr;
+  const bool journal = std::getenv("JOURNAL_STREAM") != nullptr;  // NOLINT(concurrency-mt-unsafe)
   logger->set_pattern(journal ? "%l: %v" : "%Y-%m-%dT%H:%M:%S.%eZ %l: %v",
                       spdlog::pattern_time_type::utc);
   logger->set_level(known);

@@ -31,9 +31,9 @@ void RunReport::merge(const RunReport& other) {
   seconds += other.seconds;
 }
 
-Pipeline::Pipeline(std::shared_ptr<const Plan> plan, const PipelineOptions& options,
+Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
                    PipelineThreadStart thread_start)
-    : options_(options), thread_start_(std::move(thread_start)) {
+    : options_(std::move(options)), thread_start_(std::move(thread_start)) {
   if (!thread_start_) thread_start_ = [](const std::string&, std::size_t) {};
   sets_.push_back(make_slots(std::move(plan)));
   current_ = sets_.back().get();

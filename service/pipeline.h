@@ -43,7 +43,7 @@ using PipelineThreadStart = std::function<void(const std::string& name, std::siz
 
 class Pipeline {
  public:
-  Pipeline(std::shared_ptr<const Plan> plan, const PipelineOptions& options,
+  Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
            PipelineThreadStart thread_start = {});
 
   /// Runs until the feed ends. What the feed or the publisher throws ends the run and is thrown

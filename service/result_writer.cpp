@@ -20,9 +20,12 @@ ResultWriter::ResultWriter(const std::string& path, std::size_t capacity)
       queue_(kResults, [&] { return std::make_unique<FrameResult>(capacity); }),
       thread_([this] { write(); }) {}
 
-ResultWriter::~ResultWriter() {
-  queue_.close();
-  thread_.join();
+std::int64_t ResultWriter::finish() {
+  if (thread_.joinable()) {
+    queue_.close();
+    thread_.join();
+  }
+  return queue_.dropped() + failed_;
 }
 
 void ResultWriter::add(const FrameSlot& slot, std::int64_t dropped) noexcept {

@@ -17,16 +17,16 @@ class ResultWriter {
   /// Appends to the file, or writes to the pipe. capacity: the most vortices a frame can have.
   /// Failure where it cannot be opened.
   ResultWriter(const std::string& path, std::size_t capacity);
-  /// Writes what is left.
-  ~ResultWriter();
+  ~ResultWriter() { finish(); }
   ResultWriter(const ResultWriter&) = delete;
   ResultWriter& operator=(const ResultWriter&) = delete;
 
   /// Publisher's thread. Copies; never waits, allocates or throws.
   void add(const FrameSlot& slot, std::int64_t dropped) noexcept;
 
-  /// Results that were not written: the disk was too slow, or failed.
-  std::int64_t dropped() const noexcept { return queue_.dropped() + failed_; }
+  /// Writes what is left; add() must not be called any more. Returns how many results were not
+  /// written: the disk was too slow, or failed. The destructor does it too.
+  std::int64_t finish();
 
  private:
   void write();

@@ -94,7 +94,7 @@ TEST_F(AravisLoss, CameraThatDiesClosesTheExchangeAndSaysSo) {
   camera->stop();
   camera.reset();
   // Aravis alone would wait 5 s for answers.
-  EXPECT_LT(Clock::now() - begin, std::chrono::seconds(3));
+  EXPECT_LT(Clock::now() - begin, std::chrono::seconds(4));
 
   server = serve(images);
   camera = open();
@@ -117,7 +117,7 @@ TEST_F(AravisLoss, StopDoesNotWaitForACameraThatJustDied) {
     server.reset();
     const auto begin = Clock::now();
     camera->stop();
-    EXPECT_LT(Clock::now() - begin, std::chrono::seconds(2));
+    EXPECT_LT(Clock::now() - begin, std::chrono::seconds(4));
     if (start_again) {  // refused, and everything is put back
       EXPECT_THROW(camera->start(exchange), Failure);
       while (FrameBuffer* waiting = exchange.take(0)) exchange.give_back(waiting);
