@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "acquisition/camera_options.h"
+#include "core/error.h"
 #include "core/frame.h"
 #include "core/frame_exchange.h"
 #include "core/optics.h"
@@ -68,8 +69,10 @@ class Camera {
   /// Works on a dead camera too, within a second or so.
   virtual void stop() noexcept = 0;
 
-  /// Starts a frame where the trigger is software.
-  virtual void trigger() {}
+  /// Starts a frame where the trigger is software. Failure where it is not.
+  virtual void trigger() {
+    throw Failure(description().append(" takes no software trigger, set trigger = \"software\""));
+  }
 
   /// Why it closed the exchange; empty while it is well, and where it came to its natural end.
   virtual std::string failure() const = 0;

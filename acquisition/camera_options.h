@@ -2,8 +2,9 @@
 #pragma once
 
 #include <cstdint>
-#include <map>
 #include <string>
+#include <utility>
+#include <vector>
 
 namespace curlew {
 
@@ -51,7 +52,8 @@ struct CameraOptions {
   double frame_rate_hz = 0.0;  ///< also the rate of sim: (1000 where 0) and file:
   Trigger trigger = Trigger::kAsIs;
   std::string trigger_line = "Line0";
-  std::map<std::string, std::string> features;  ///< any other GenICam feature, set in this order
+  std::vector<std::pair<std::string, std::string>>
+      features;  ///< any other GenICam feature, set in this order
 
   // GigE Vision.
   int packet_size_bytes = 0;          ///< 0: negotiated with the camera
@@ -61,10 +63,20 @@ struct CameraOptions {
   /// After the last packet of an incomplete frame; then it is given up.
   std::int64_t frame_retention_us = 20000;
 
-  int buffers = 6;             ///< frames the camera may be filling, beside those in the pipeline
-  double timeout_s = 5.0;      ///< without a frame for so long the camera counts as lost; 0: never
+  int buffers = 6;  ///< frames the camera may be filling, beside those in the pipeline
+  /// Without a frame for so long the camera counts as lost; 0: never; −1: 5 s, and never where the
+  /// trigger is line or software.
+  double timeout_s = -1.0;
   double max_backoff_s = 5.0;  ///< longest pause between two attempts to connect
   UsbLayout usb;
 };
+
+/// How long a silent camera is waited for: timeout_s, or what it stands for where it is −1.
+inline double longest_silence_s(const CameraOptions& options) {
+  constexpr double kDefault_s = 5.0;
+  if (options.timeout_s >= 0.0) return options.timeout_s;
+  const bool triggered = options.trigger == Trigger::kLine || options.trigger == Trigger::kSoftware;
+  return triggered ? 0.0 : kDefault_s;
+}
 
 }  // namespace curlew

@@ -72,6 +72,13 @@ class PacedCamera final : public Camera {
   }
 
  private:
+  /// Or until it is stopped.
+  void wait_until(Clock::time_point due) const {
+    constexpr auto kLookUp = std::chrono::milliseconds(50);
+    while (!stopping_ && Clock::now() < due)
+      std::this_thread::sleep_until(std::min(due, Clock::now() + kLookUp));
+  }
+
   void send(FrameExchange& exchange) {
     if (thread_start_) thread_start_();
     try {
@@ -83,7 +90,7 @@ class PacedCamera final : public Camera {
         if (buffer == nullptr) buffer = exchange.empty();
         FrameBuffer& into = buffer != nullptr ? *buffer : scratch_;
         if (source_->next(into) == Delivery::kEnd) break;
-        std::this_thread::sleep_until(due);
+        wait_until(due);
         // A rate that cannot be kept is not caught up with in a burst.
         due = std::max(due + period_, Clock::now() - period_);
         const std::int64_t sequence = next_sequence_++;

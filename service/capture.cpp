@@ -18,7 +18,8 @@ void capture_frames(const CameraOptions& options, std::int64_t frames, const std
   using Clock = std::chrono::steady_clock;
   constexpr std::int64_t kLookUpUs = 100'000;
   constexpr double kPatienceS = 10.0;  // where the configuration sets none
-  const double timeout_s = options.timeout_s > 0.0 ? options.timeout_s : kPatienceS;
+  const double silence_s = longest_silence_s(options);
+  const double timeout_s = silence_s > 0.0 ? silence_s : kPatienceS;
   const std::unique_ptr<Camera> camera = open_camera(options, {});
   fmt::print("{}: {} frames of {} x {} px\n", camera->description(), frames, camera->format().cols,
              camera->format().rows);
@@ -36,8 +37,9 @@ void capture_frames(const CameraOptions& options, std::int64_t frames, const std
         progress.step();
         last = Clock::now();
       } else if (exchange.closed()) {
-        trouble = fmt::format("{} ended after {} frames {}", camera->description(),
-                              recording.frames(), camera->failure());
+        trouble =
+            fmt::format("{} ended after {} frames", camera->description(), recording.frames());
+        if (!camera->failure().empty()) trouble.append(": ").append(camera->failure());
       } else if (Clock::now() - last > std::chrono::duration<double>(timeout_s)) {
         trouble = fmt::format("{} sent no frame for {} s: is it waiting for a trigger?",
                               camera->description(), timeout_s);

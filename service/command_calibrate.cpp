@@ -9,6 +9,7 @@
 
 #include "acquisition/fits_source.h"
 #include "acquisition/mean_image.h"
+#include "acquisition/partial_path.h"
 #include "centroiding/calibrate.h"
 #include "core/error.h"
 #include "service/capture.h"
@@ -168,7 +169,8 @@ void calibrate_on_camera(CalibrateOptions options) {
     fmt::print("{}: a stack of {} darks, for --dark\n", options.out, options.frames);
     return;
   }
-  options.reference = options.keep.empty() ? options.out + ".reference.fits" : options.keep;
+  options.reference =
+      options.keep.empty() ? partial_path(options.out + ".reference.fits") : options.keep;
   refuse_overwriting(options.reference,
                      {options.out, options.dark, options.flat, options.bad_pixels, options.config});
   capture_frames(camera, options.frames, options.reference);

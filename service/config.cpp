@@ -2,6 +2,7 @@
 
 #include <toml++/toml.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -10,6 +11,7 @@
 #include <set>
 #include <sstream>
 #include <string_view>
+#include <utility>
 
 #include "core/error.h"
 
@@ -88,7 +90,7 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("camera", "packet_resend", camera.packet_resend, kNotNegative);
   visit("camera", "frame_retention_us", camera.frame_retention_us, Range{1000, 1e7});
   visit("camera", "buffers", camera.buffers, Range{3, 1000});
-  visit("camera", "timeout_s", camera.timeout_s, Range{0, 1e6});
+  visit("camera", "timeout_s", camera.timeout_s, Range{-1, 1e6});
   visit("camera", "max_backoff_s", camera.max_backoff_s, Range{0.05, 3600});
   visit("camera", "features", camera.features, kNotNegative);
   auto& usb = config.camera.usb;
@@ -227,11 +229,13 @@ class TomlReader {
     }
     refuse(node, key, "one of " + known);
   }
-  /// A table of names and texts, numbers or truth values, kept as the texts a camera takes.
+  /// A table of names and texts, numbers or truth values, kept as the texts a camera takes, and in
+  /// the file's order: a selector comes before what it selects.
   void read(const toml::node& node, const std::string& key,
-            std::map<std::string, std::string>& value, Range) const {
+            std::vector<std::pair<std::string, std::string>>& value, Range) const {
     if (!node.is_table()) refuse(node, key, "a table of names and values");
     value.clear();
+    std::vector<toml::source_position> places;
     for (const auto& [name, element] : *node.as_table()) {
       std::ostringstream text = full_precision();
       if (const auto number = element.value_exact<std::int64_t>())
@@ -244,7 +248,9 @@ class TomlReader {
         text << *word;
       else
         refuse(element, key + "." + std::string(name.str()), "a text, a number, true or false");
-      value.emplace(name.str(), text.str());
+      const auto place = std::upper_bound(places.begin(), places.end(), name.source().begin);
+      value.emplace(value.begin() + (place - places.begin()), name.str(), text.str());
+      places.insert(place, name.source().begin);
     }
   }
   void read(const toml::node& node, const std::string& key, std::vector<int>& value,
@@ -296,10 +302,11 @@ class TomlWriter {
     quoted << toml::value<std::string>(value);
     text_ << quoted.str();
   }
-  void write(const std::map<std::string, std::string>& values) {
+  void write(const std::vector<std::pair<std::string, std::string>>& values) {
     text_ << "{";
+    const char* before = " ";
     for (const auto& [name, value] : values) {
-      text_ << (name == values.begin()->first ? " " : ", ");
+      text_ << std::exchange(before, ", ");
       write(name);
       text_ << " = ";
       write(value);

@@ -101,7 +101,7 @@ ControlSocket::ControlSocket(const std::string& path) : path_(path) {
   }
   listening_ = new_socket();
   if (bind(listening_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0 ||
-      listen(listening_, 4) != 0) {
+      chmod(path.c_str(), 0660) != 0 || listen(listening_, 4) != 0) {
     const std::string reason = last_error();
     close(listening_);
     throw Failure("the control socket " + path + " cannot be made: " + reason);

@@ -6,7 +6,7 @@
 
 namespace curlew {
 
-/// Any user who may write to the socket's file may ask. One line in, one line out.
+/// Its owner and group may ask. One line in, one line out.
 class ControlSocket {
  public:
   /// Listens at path; one left behind by a daemon that was killed is replaced. Failure where it

@@ -20,7 +20,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr int kTickMs = 100;
 constexpr int kCleanSecondsToRecover = 3;
-constexpr int kQuietSeconds = 2;  // without results, until the status says so
+constexpr int kQuietSeconds = 3;  // without results, until the status says so
 constexpr auto kLongestSilence = std::chrono::seconds(20);  // of a live connecting thread
 
 bool is_simulated(const Config& config) { return config.camera.source.rfind("sim:", 0) == 0; }
@@ -58,7 +58,8 @@ Daemon::Daemon(std::function<Config()> configure, DaemonLimits limits)
       limits_(limits),
       started_(Clock::now()),
       config_(configure_()),
-      sensor_(sensor_for(config_)) {
+      sensor_(sensor_for(config_)),
+      placement_(config_.pipeline.cpus, config_.realtime.priority) {
   const DaemonOptions& daemon = config_.daemon;
   if (!daemon.jsonl.empty())
     writer_ = std::make_unique<ResultWriter>(daemon.jsonl, config_.pipeline.max_vortices);
@@ -167,6 +168,7 @@ void Daemon::reload() {
       lock.lock();
     } while (format != format_);
     if (!format) plan.reset();
+    ++configurations_;
     config_ = std::move(config);
     sensor_ = std::move(sensor);
     pending_plan_ = std::move(plan);
@@ -192,7 +194,7 @@ void Daemon::every_second() {
     status.superseded = report.superseded;
     status.recorder = report.recorder;
     status.recording = recorder_ != nullptr;
-    if (placement_) tell_refusals(placement_->refused());
+    tell_refusals(placement_.refused());
   }
   status.results = results_;
   // A window ends with a frame, so a second may pass without one.
@@ -279,16 +281,23 @@ void Daemon::set_state(DaemonState state, const std::string& reason,
   if (only_from && state_ != *only_from) return;
   if (state == state_ && reason == state_reason_) return;
   // A camera that is not there would fill the log with attempts.
-  const bool attempt = (state == DaemonState::kSearching && state_ == DaemonState::kOpening) ||
-                       state == DaemonState::kOpening;
+  const bool again =
+      told_of_opening_ && (state == DaemonState::kOpening ||
+                           (state == DaemonState::kSearching && state_ == DaemonState::kOpening));
+  if (state == DaemonState::kOpening) told_of_opening_ = true;
+  if (state == DaemonState::kStreaming) told_of_opening_ = false;
   state_ = state;
   state_reason_ = reason;
-  spdlog::log(attempt ? spdlog::level::debug : spdlog::level::info, "state={}{}{}", name_of(state),
+  spdlog::log(again ? spdlog::level::debug : spdlog::level::info, "state={}{}{}", name_of(state),
               reason.empty() ? "" : " ", reason);
 }
 
 void Daemon::request_stop() {
   control_.stop = true;
+  {
+    const std::lock_guard lock(mutex_);
+    if (exchange_ != nullptr) exchange_->close();  // who waits for a frame waits no longer
+  }
   wake();
 }
 

@@ -111,7 +111,9 @@ class Daemon {
   bool wake_up_ = false;
   Config config_;
   Sensor sensor_;
+  std::int64_t configurations_ = 0;  ///< grows with every reload
   DaemonState state_ = DaemonState::kSearching;
+  bool told_of_opening_ = false;  ///< since it last streamed: attempts are not told one by one
   std::string state_reason_;
   Camera* camera_ = nullptr;           ///< while one streams
   FrameExchange* exchange_ = nullptr;  ///< while one streams
@@ -126,7 +128,7 @@ class Daemon {
   // Made before streaming begins, used by the publisher's thread.
   std::unique_ptr<ResultWriter> writer_;
   LiveStatistics statistics_;
-  std::unique_ptr<ThreadPlacement> placement_;
+  ThreadPlacement placement_;
   std::unique_ptr<ProcessRealtime> realtime_;
   std::int64_t next_index_ = 0;
 

@@ -17,9 +17,13 @@ constexpr double kFirstPauseS = 0.1;
 
 std::string reason_of(LiveFeed::End end, const Camera& camera, const CameraOptions& options) {
   if (end != LiveFeed::End::kTimedOut) return camera.failure();
-  const bool triggered = options.trigger == Trigger::kLine || options.trigger == Trigger::kSoftware;
-  return fmt::format("no frame for {:.3g} s from {}{}", options.timeout_s, camera.description(),
-                     triggered ? "; set timeout_s = 0 in [camera] where triggers may rest" : "");
+  return fmt::format("no frame for {:.3g} s from {}; set timeout_s = 0 in [camera] if it may rest",
+                     longest_silence_s(options), camera.description());
+}
+
+void log_recorder(const std::string& sentence) {
+  const bool bad = sentence.rfind("recording stopped", 0) == 0;
+  spdlog::log(bad ? spdlog::level::warn : spdlog::level::info, "{}", sentence);
 }
 
 }  // namespace
@@ -60,7 +64,13 @@ bool Daemon::connect(const Config& config) {
   });
   spdlog::info("{}: {} x {} px", camera->description(), camera->format().cols,
                camera->format().rows);
-  prepare(camera->format());
+  try {
+    prepare(camera->format());
+  } catch (const Failure& failure) {
+    // From the start it is the configuration that is wrong, and waiting mends nothing.
+    if (totals_.connections == 0) throw UsageError(failure.what());
+    throw;
+  }
   {
     const std::lock_guard lock(mutex_);
     ++totals_.connections;
@@ -71,27 +81,35 @@ bool Daemon::connect(const Config& config) {
 }
 
 /// Plan, slots, recorder for frames of this format; kept from the last connection where they fit.
+/// What takes its time is done without the mutex, so that the supervisor is never kept waiting.
 void Daemon::prepare(const FrameFormat& format) {
-  const std::lock_guard lock(mutex_);
+  std::unique_lock lock(mutex_);
   if (format_ == format) return;
   format_.reset();  // until all fits the new one
   pipeline_.reset();
-  auto plan = std::make_shared<const Plan>(sensor_, format, config_);
-  if (!placement_)
-    placement_ =
-        std::make_unique<ThreadPlacement>(config_.pipeline.cpus, config_.realtime.priority);
-  pipeline_ =
-      std::make_shared<Pipeline>(std::move(plan), config_.pipeline, placement_->thread_start());
   pending_plan_.reset();
-  if (recorder_) totals_.recorder += recorder_->finish();
-  recorder_.reset();
-  if (config_.recorder.mode != RecordMode::kOff)
-    recorder_ = std::make_unique<Recorder>(
-        config_.recorder, format, sensor_.optics, sensor_.detector,
-        [](const std::string& sentence) {
-          const bool bad = sentence.rfind("recording stopped", 0) == 0;
-          spdlog::log(bad ? spdlog::level::warn : spdlog::level::info, "{}", sentence);
-        });
+  const std::unique_ptr<Recorder> old = std::move(recorder_);
+  std::int64_t made_from = -1;
+  std::shared_ptr<Pipeline> pipeline;
+  std::unique_ptr<Recorder> recorder;
+  RecorderCounts recorded;
+  while (made_from != configurations_) {  // again where it was reloaded meanwhile
+    made_from = configurations_;
+    const Config config = config_;
+    const Sensor sensor = sensor_;
+    lock.unlock();
+    if (old) recorded = old->finish();
+    pipeline = std::make_shared<Pipeline>(std::make_shared<const Plan>(sensor, format, config),
+                                          config.pipeline, placement_.thread_start());
+    recorder.reset();
+    if (config.recorder.mode != RecordMode::kOff)
+      recorder = std::make_unique<Recorder>(config.recorder, format, sensor.optics, sensor.detector,
+                                            log_recorder);
+    lock.lock();
+  }
+  totals_.recorder += recorded;
+  pipeline_ = std::move(pipeline);
+  recorder_ = std::move(recorder);
   format_ = format;
 }
 
@@ -148,7 +166,7 @@ LiveFeed::End Daemon::run_pipeline(FrameExchange& exchange, const Config& config
     limits.until = started_ + std::chrono::duration_cast<Clock::duration>(
                                   std::chrono::duration<double>(limits_.seconds));
   // A recording that is played slowly is not lost.
-  limits.timeout_s = comes_and_goes(config.camera) ? config.camera.timeout_s : 0.0;
+  limits.timeout_s = comes_and_goes(config.camera) ? longest_silence_s(config.camera) : 0.0;
   LiveFeed feed(exchange, limits, control_);
   const std::int64_t dropped_before = totals_.results.dropped;
   Publisher publisher;

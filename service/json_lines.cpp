@@ -1,9 +1,16 @@
 #include "service/json_lines.h"
 
+#include <fcntl.h>
+#include <poll.h>
+#include <unistd.h>
+
+#include <cerrno>
 #include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <system_error>
+#include <utility>
 
 #include "acquisition/partial_path.h"
 #include "core/error.h"
@@ -21,6 +28,8 @@ nlohmann::json number(float value) {
   return shortest;
 }
 
+constexpr std::size_t kBufferBytes = 1 << 16;
+
 nlohmann::json microseconds(std::int64_t ns) { return static_cast<double>(ns) / 1000.0; }
 
 }  // namespace
@@ -33,16 +42,17 @@ JsonLines::JsonLines(const std::string& path, JsonLinesFile file) : path_(path) 
   in_place_ = stream_only_ || file == JsonLinesFile::kGrowing;
   if (!stream_only_) path_ = target;
   writing_path_ = in_place_ ? path : partial_path(target);
-  stream_.open(writing_path_, stream_only_ ? std::ios::out
-                              : in_place_  ? std::ios::app
-                                           : std::ios::trunc);
-  check();
+  // The daemon does not wait for a reader to come; replay does, as a pipe's writer usually would.
+  const bool waits = file == JsonLinesFile::kComplete;
+  const int how = stream_only_ ? (waits ? 0 : O_NONBLOCK) : in_place_ ? O_APPEND : O_TRUNC;
+  fd_ = open(writing_path_.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | how, 0666);
+  if (fd_ < 0) refuse(errno);
 }
 
 JsonLines::~JsonLines() {
+  if (fd_ >= 0) close(fd_);
   if (in_place_ || writing_path_.empty()) return;
   std::error_code none;
-  stream_.close();
   std::filesystem::remove(writing_path_, none);
 }
 
@@ -75,19 +85,16 @@ void JsonLines::add(const FrameResult& result) {
     latency[kStages[stage].name] = microseconds(result.latency.stage_ns[stage]);
   latency["publish"] = microseconds(result.latency.publish_ns);
   latency["total"] = microseconds(result.latency.total_ns);
-  stream_ << line.dump() << '\n';
-  if (stream_only_) stream_.flush();
-  check();
+  buffer_ += line.dump();
+  buffer_ += '\n';
+  if (stream_only_ || buffer_.size() >= kBufferBytes) write_out();
 }
 
-void JsonLines::flush() {
-  stream_.flush();
-  check();
-}
+void JsonLines::flush() { write_out(); }
 
 void JsonLines::commit() {
-  stream_.close();
-  check();
+  write_out();
+  if (close(std::exchange(fd_, -1)) != 0) refuse(errno);
   if (in_place_) return;
   std::error_code error;
   std::filesystem::rename(writing_path_, path_, error);
@@ -95,9 +102,29 @@ void JsonLines::commit() {
   writing_path_.clear();
 }
 
-void JsonLines::check() {
-  if (!stream_)
-    throw Failure(path_ + " cannot be written, is the disk full or the folder missing?");
+void JsonLines::write_out() {
+  constexpr int kLookUpMs = 100;
+  std::size_t written = 0;
+  while (written < buffer_.size()) {
+    const ssize_t count = ::write(fd_, buffer_.data() + written, buffer_.size() - written);
+    if (count >= 0) {
+      written += static_cast<std::size_t>(count);
+    } else if (errno == EAGAIN && !given_up_) {
+      pollfd room{fd_, POLLOUT, 0};
+      poll(&room, 1, kLookUpMs);
+    } else if (errno != EINTR) {
+      refuse(errno);
+    }
+  }
+  buffer_.clear();
+}
+
+void JsonLines::refuse(int error) const {
+  const std::string what = error == EAGAIN  ? "its reader does not read"
+                           : error == ENXIO ? "nobody reads this pipe"
+                                            : std::generic_category().message(error) +
+                                                  "; is the disk full or the folder missing?";
+  throw Failure(path_ + " cannot be written: " + what);
 }
 
 }  // namespace curlew

@@ -48,12 +48,15 @@ class LiveStatistics {
     since_ = now;
   }
 
-  /// The other thread: the newest window since the last call; false where there is none.
+  /// The other thread: the newest window since the last call, with the late frames of all of them;
+  /// false where there is none.
   bool take(StatusWindow& window) noexcept {
     bool any = false;
     StatusWindow* taken = nullptr;
     while (windows_.take_for(taken, 0)) {
+      const std::int64_t late_before = any ? window.late : 0;
       window = *taken;
+      window.late += late_before;
       windows_.give_back(taken);
       any = true;
     }

@@ -23,6 +23,7 @@ ResultWriter::ResultWriter(const std::string& path, std::size_t capacity)
 std::int64_t ResultWriter::finish() {
   if (thread_.joinable()) {
     queue_.close();
+    lines_.give_up();  // a file is written to its end all the same
     thread_.join();
   }
   return queue_.dropped() + failed_;
