@@ -21,6 +21,11 @@ using nlohmann::json;
 using std::chrono::seconds;
 
 constexpr int kDistinctFrames = 60;
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kSanitized = true;
+#else
+constexpr bool kSanitized = false;
+#endif
 
 std::vector<json> json_lines(const std::string& path) {
   std::vector<json> lines;
@@ -313,7 +318,9 @@ TEST_F(Daemon, SoakKeepsItsAccountsAndItsMemory) {
   expect_balanced(account);
   EXPECT_GT(account.results, 100 * length_s) << "a tenth of the rate at least";
   EXPECT_EQ(account.lost, 0) << "the pipeline always leaves the camera a buffer";
-  EXPECT_LT(memory_now, memory_then + 2048) << "kB resident after a quarter, and at the end";
+  if (!kSanitized) {  // a sanitizer keeps what was freed, and more of it as time goes by
+    EXPECT_LT(memory_now, memory_then + 2048) << "kB resident after a quarter, and at the end";
+  }
   std::printf("%d s: %lld delivered, %lld results, %lld superseded, memory %ld kB then, %ld now\n",
               length_s, static_cast<long long>(account.delivered),
               static_cast<long long>(account.results), static_cast<long long>(account.superseded),
