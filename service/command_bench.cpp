@@ -146,6 +146,7 @@ void add_bench(CLI::App& app) {
   latency->add_flag("--json", options->json, "print JSON");
   latency->callback([options] { bench_latency(*options); });
   add_bench_detect(*bench);
+  add_bench_train(*bench);
 }
 
 }  // namespace curlew

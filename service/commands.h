@@ -13,7 +13,8 @@ void add_replay(CLI::App& app);
 void add_run(CLI::App& app);
 void add_control(CLI::App& app);
 void add_bench(CLI::App& app);
-void add_bench_detect(CLI::App& bench);  // a command of bench
+void add_bench_detect(CLI::App& bench);  // commands of bench
+void add_bench_train(CLI::App& bench);
 void add_cameras(CLI::App& app);
 void add_doctor(CLI::App& app);
 

@@ -2,9 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
+#include <mutex>
+#include <utility>
 
 #include "detect/circulation.h"
+#include "detect/vortex_classifier.h"
 #include "detect/vortex_finder.h"
+#include "service/spot_camera.h"
 
 namespace curlew {
 namespace {
@@ -179,6 +184,58 @@ class ShippedDetector {
   DetectPlan plan_;
 };
 
+/// classify_vortices, however unlikely what it sees.
+class ClassifierDetector {
+ public:
+  explicit ClassifierDetector(const MeasurementPlan& plan)
+      : plan_(std::make_shared<const ClassifierPlan>(ClassifierOptions{.min_probability = 0.02},
+                                                     spot_camera(plan.sensor()), plan.format())),
+        buffers_(std::make_shared<Buffers>()) {}
+
+  std::vector<Candidate> operator()(const MeasuredFrame& frame) const {
+    std::unique_ptr<OneFrame> buffers = buffers_->take(*plan_);
+    classify_vortices(*plan_, frame.frame.view(), frame.centroids, frame.circulation,
+                      buffers->workspace, buffers->vortices);
+    std::vector<Candidate> found;
+    for (const ClassifiedVortex& vortex : buffers->vortices) {
+      found.push_back({static_cast<double>(vortex.x), static_cast<double>(vortex.y), vortex.charge,
+                       static_cast<double>(vortex.probability)});
+    }
+    buffers_->give_back(std::move(buffers));
+    return found;
+  }
+
+ private:
+  struct OneFrame {
+    explicit OneFrame(const ClassifierPlan& plan)
+        : workspace(plan), vortices(2 * plan.features().lenslet_count()) {}
+    ClassifierWorkspace workspace;
+    ClassifiedVortexList vortices;
+  };
+  /// As many as threads have asked at once.
+  class Buffers {
+   public:
+    std::unique_ptr<OneFrame> take(const ClassifierPlan& plan) {
+      const std::scoped_lock lock(mutex_);
+      if (free_.empty()) return std::make_unique<OneFrame>(plan);
+      std::unique_ptr<OneFrame> one = std::move(free_.back());
+      free_.pop_back();
+      return one;
+    }
+    void give_back(std::unique_ptr<OneFrame> one) {
+      const std::scoped_lock lock(mutex_);
+      free_.push_back(std::move(one));
+    }
+
+   private:
+    std::mutex mutex_;
+    std::vector<std::unique_ptr<OneFrame>> free_;
+  };
+
+  std::shared_ptr<const ClassifierPlan> plan_;
+  std::shared_ptr<Buffers> buffers_;
+};
+
 }  // namespace
 
 std::vector<DetectorRow> make_detector_rows(const MeasurementPlan& plan) {
@@ -195,6 +252,7 @@ std::vector<DetectorRow> make_detector_rows(const MeasurementPlan& plan) {
        extrema_of_potential},
       {"spread", "spot spread, sign by the circulation around (Kalensky 2023)", peaks_of_spread},
       {"shipped", "find_vortices: |D| over its sigma", ShippedDetector(plan)},
+      {"classifier", "classify_vortices: a trained network on 4x4 spots", ClassifierDetector(plan)},
   };
 }
 

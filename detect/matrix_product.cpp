@@ -1,0 +1,127 @@
+// Compiled once for every instruction set and chosen at run time (Highway).
+#include "detect/matrix_product.h"
+
+#include <cassert>
+#include <cstddef>
+#include <type_traits>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "detect/matrix_product.cpp"
+#include "hwy/foreach_target.h"
+// foreach_target.h comes first.
+
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace curlew::HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+/// kRows rows by 2 vectors of columns, kept in registers over the whole inner sum.
+template <int kRows, class D, class V = hn::Vec<D>>
+HWY_INLINE void multiply_tile(D d, StridedMatrix a, const float* HWY_RESTRICT b, const float* bias,
+                              int inner, int columns, bool rectify, float* HWY_RESTRICT c) {
+  const auto lanes = static_cast<std::ptrdiff_t>(hn::Lanes(d));
+  const V zero = hn::Zero(d);
+  const V start0 = bias != nullptr ? hn::LoadU(d, bias) : zero;
+  const V start1 = bias != nullptr ? hn::LoadU(d, bias + lanes) : zero;
+  V left0 = start0, left1 = start0, left2 = start0, left3 = start0, left4 = start0, left5 = start0;
+  V right0 = start1, right1 = start1, right2 = start1, right3 = start1, right4 = start1,
+    right5 = start1;
+  const float* element = a.data;
+  for (int k = 0; k < inner; ++k, element += a.column_step, b += columns) {
+    const V b0 = hn::LoadU(d, b);
+    const V b1 = hn::LoadU(d, b + lanes);
+    const auto add = [&](int row, V& left, V& right) HWY_ATTR {
+      const V factor = hn::Set(d, element[row * a.row_step]);
+      left = hn::MulAdd(factor, b0, left);
+      right = hn::MulAdd(factor, b1, right);
+    };
+    add(0, left0, right0);
+    if constexpr (kRows > 1) add(1, left1, right1);
+    if constexpr (kRows > 2) add(2, left2, right2);
+    if constexpr (kRows > 3) add(3, left3, right3);
+    if constexpr (kRows > 4) add(4, left4, right4);
+    if constexpr (kRows > 5) add(5, left5, right5);
+  }
+  const auto store = [&](int row, V left, V right) HWY_ATTR {
+    if (rectify) {
+      left = hn::Max(left, zero);
+      right = hn::Max(right, zero);
+    }
+    hn::StoreU(left, d, c + row * columns);
+    hn::StoreU(right, d, c + row * columns + lanes);
+  };
+  store(0, left0, right0);
+  if constexpr (kRows > 1) store(1, left1, right1);
+  if constexpr (kRows > 2) store(2, left2, right2);
+  if constexpr (kRows > 3) store(3, left3, right3);
+  if constexpr (kRows > 4) store(4, left4, right4);
+  if constexpr (kRows > 5) store(5, left5, right5);
+}
+
+template <class D>
+void multiply_columns(D d, StridedMatrix a, const float* b, const float* bias, int rows, int inner,
+                      int columns, bool rectify, float* c) {
+  constexpr int kRows = 6;
+  int row = 0;
+  for (; row + kRows <= rows; row += kRows) {
+    multiply_tile<kRows>(d, {a.data + row * a.row_step, a.row_step, a.column_step}, b, bias, inner,
+                         columns, rectify, c + static_cast<std::ptrdiff_t>(row) * columns);
+  }
+  const StridedMatrix rest{a.data + row * a.row_step, a.row_step, a.column_step};
+  float* to = c + static_cast<std::ptrdiff_t>(row) * columns;
+  const auto finish = [&](auto n) HWY_ATTR {
+    multiply_tile<decltype(n)::value>(d, rest, b, bias, inner, columns, rectify, to);
+  };
+  switch (rows - row) {
+    case 5:
+      return finish(std::integral_constant<int, 5>());
+    case 4:
+      return finish(std::integral_constant<int, 4>());
+    case 3:
+      return finish(std::integral_constant<int, 3>());
+    case 2:
+      return finish(std::integral_constant<int, 2>());
+    case 1:
+      return finish(std::integral_constant<int, 1>());
+    default:
+      return;
+  }
+}
+
+void multiply_all(StridedMatrix a, const float* b, const float* bias, int rows, int inner,
+                  int columns, bool rectify, float* c) {
+  const hn::CappedTag<float, 16> wide;
+  const hn::CappedTag<float, 8> half;
+  int column = 0;
+  const auto part = [&](auto d) HWY_ATTR {
+    const int width = 2 * static_cast<int>(hn::Lanes(d));
+    for (; column + width <= columns; column += width) {
+      multiply_columns(d, a, b + column, bias != nullptr ? bias + column : nullptr, rows, inner,
+                       columns, rectify, c + column);
+    }
+  };
+  part(wide);
+  part(half);
+}
+
+}  // namespace
+}  // namespace curlew::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace curlew {
+namespace {
+HWY_EXPORT(multiply_all);
+}  // namespace
+
+void multiply(StridedMatrix a, const float* b, const float* bias, int rows, int inner, int columns,
+              bool rectify, float* c) noexcept {
+  assert(columns % kProductColumns == 0);
+  HWY_DYNAMIC_DISPATCH(multiply_all)(a, b, bias, rows, inner, columns, rectify, c);
+}
+
+}  // namespace curlew
+#endif  // HWY_ONCE

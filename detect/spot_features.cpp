@@ -1,0 +1,142 @@
+#include "detect/spot_features.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <string>
+
+#include "core/error.h"
+
+namespace curlew {
+namespace {
+
+constexpr double kModeWidth = 0.6;  // λ/w
+constexpr double kReach = 1.75;     // λ/w
+constexpr double kDark = 0.01;      // of the mean flux: fainter is all the same
+
+/// Orthonormal Hermite functions, order by order.
+double hermite_function(int order, double x) {
+  double before = 0.0;
+  double value = std::exp(-0.5 * x * x);
+  for (int k = 1; k <= order; ++k) {
+    const double next = std::sqrt(2.0 / k) * x * value - std::sqrt((k - 1.0) / k) * before;
+    before = value;
+    value = next;
+  }
+  return value;
+}
+
+}  // namespace
+
+SpotMode spot_mode(int index) {
+  int order = 0;
+  while (index > order) index -= ++order;
+  return {index, order - index};
+}
+
+int spot_mode_index(SpotMode mode) {
+  const int order = mode.m + mode.n;
+  return order * (order + 1) / 2 + mode.m;
+}
+
+SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
+    : spots_(camera.windows.rows(), camera.windows.cols()),
+      pixel_type_(format.pixel_type),
+      frame_cols_(format.cols),
+      noise_known_(camera.e_per_adu > 0.0),
+      row_sign_(camera.rows_run_up ? -1.0F : 1.0F) {
+  if (!(camera.pixels_per_lambda_w > 0.2 && camera.pixels_per_lambda_w < 200.0)) {
+    throw Failure("λ/w covers " + std::to_string(camera.pixels_per_lambda_w) +
+                  " pixels of the detector, which no classifier can use; check the optics");
+  }
+  const double e_per_adu = noise_known_ ? camera.e_per_adu : 1.0;
+  e_per_adu_ = static_cast<float>(e_per_adu);
+  e_per_count_ = static_cast<float>(e_per_adu * format.scale_adu);
+  const auto counts = [&](double adu) {
+    return static_cast<float>((adu - format.zero_adu) / format.scale_adu);
+  };
+  background_counts_ = counts(camera.background_adu);
+  if (!camera.dark_adu.empty() || !camera.response.empty()) {
+    dark_counts_ = Image<float>(format.rows, format.cols, background_counts_);
+    gain_ = Image<float>(format.rows, format.cols, 1.0F);
+    for (std::size_t i = 0; i < gain_.size(); ++i) {
+      const float dark = camera.dark_adu.empty() ? 0.0F : camera.dark_adu[i];
+      const float response = camera.response.empty() ? 1.0F : camera.response[i];
+      const bool good = std::isfinite(dark) && std::isfinite(response) && response > 0.0F;
+      if (!camera.dark_adu.empty() && good) dark_counts_[i] = counts(static_cast<double>(dark));
+      gain_[i] = good ? 1.0F / response : 0.0F;
+    }
+  }
+
+  const double reach_px = kReach * camera.pixels_per_lambda_w;
+  const int reach_steps = static_cast<int>(std::ceil(reach_px * kStepsPerPx)) + 1;
+  table_.resize(static_cast<std::size_t>(2 * reach_steps + 1) * kProjectionLanes);
+  for (int step = -reach_steps; step <= reach_steps; ++step) {
+    const double x = step / (kStepsPerPx * camera.pixels_per_lambda_w * kModeWidth);
+    for (int order = 0; order <= kHighestOrder; ++order) {
+      table_[static_cast<std::size_t>((step + reach_steps) * kProjectionLanes + order)] =
+          static_cast<float>(hermite_function(order, x));
+    }
+  }
+  for (std::size_t k = 0; k < spots_.size(); ++k) {
+    const SpotWindow& window = camera.windows[k];
+    if (window.w < 1 || window.h < 1) continue;
+    if (window.x0 < 0 || window.y0 < 0 || window.x0 + window.w > format.cols ||
+        window.y0 + window.h > format.rows) {
+      throw Failure("a lenslet's window does not lie within the frame; calibrate anew");
+    }
+    const auto clip = [&](int start, int length, float reference, int& first, int& n, int& step) {
+      const auto centre = static_cast<double>(reference);
+      first = std::max(start, static_cast<int>(std::ceil(centre - reach_px - 1e-6)));
+      const int last =
+          std::min(start + length - 1, static_cast<int>(std::floor(centre + reach_px + 1e-6)));
+      n = std::max(0, last - first + 1);
+      step = static_cast<int>(std::lround((first - centre) * kStepsPerPx)) + reach_steps;
+    };
+    Spot& spot = spots_[k];
+    clip(window.x0, window.w, window.reference_x, spot.x0, spot.w, spot.table_x);
+    clip(window.y0, window.h, window.reference_y, spot.y0, spot.h, spot.table_y);
+    if (spot.w == 0 || spot.h == 0) spot = {};
+    const double read_noise = noise_known_ ? camera.read_noise_e : 0.0;
+    spot.read_noise = static_cast<float>(read_noise * std::sqrt(1.0 * spot.w * spot.h));
+  }
+}
+
+void SpotFeatures::measure(FrameView frame, std::size_t k, float flux_adu, float mean_flux_adu,
+                           float* features) const noexcept {
+  const Spot& spot = spots_[k];
+  std::array<float, kProjectionOrders * kProjectionLanes> sums;
+  const ProjectedWindow window{
+      .pixels = frame.pixels,
+      .pixel_type = pixel_type_,
+      .first = spot.y0 * frame_cols_ + spot.x0,
+      .frame_cols = frame_cols_,
+      .w = spot.w,
+      .h = spot.h,
+      .along_x = table_.data() + static_cast<std::ptrdiff_t>(spot.table_x) * kProjectionLanes,
+      .along_y = table_.data() + static_cast<std::ptrdiff_t>(spot.table_y) * kProjectionLanes,
+      .table_step = kStepsPerPx * kProjectionLanes,
+      .offset = background_counts_,
+      .offsets = dark_counts_.empty() ? nullptr : dark_counts_.data(),
+      .gains = gain_.empty() ? nullptr : gain_.data()};
+  const float total = e_per_count_ * project_window(window, sums.data());
+  // Kept off 0 by the read noise alone: the shape of a spot without noise is known however dark.
+  const float flux = std::max(total, 0.0F) + spot.read_noise + 1e-6F;
+  const float inverse = 1.0F / flux;
+  for (std::size_t order = 0; order < kProjectionOrders; ++order) {
+    for (std::size_t m = 0; m <= order; ++m) {
+      const std::size_t n = order - m;
+      const float sign = n % 2 == 1 ? row_sign_ : 1.0F;
+      *features++ = sign * e_per_count_ * inverse * sums[n * kProjectionLanes + m];
+    }
+  }
+  const float mean = std::max(mean_flux_adu * e_per_adu_, 1e-6F);
+  const float floor = spot.read_noise + static_cast<float>(kDark) * mean;
+  features[0] = std::log((std::max(flux_adu, 0.0F) * e_per_adu_ + floor) / mean);
+  features[1] = noise_known_ ? std::sqrt(inverse) : 0.0F;
+  features[2] = spot.read_noise * inverse;
+  features[3] = 1.0F;
+}
+
+}  // namespace curlew

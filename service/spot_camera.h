@@ -1,0 +1,11 @@
+// The sensor as the vortex classifier needs to know it.
+#pragma once
+
+#include "centroiding/sensor.h"
+#include "detect/spot_features.h"
+
+namespace curlew {
+
+SpotCamera spot_camera(const Sensor& sensor);
+
+}  // namespace curlew
