@@ -50,8 +50,9 @@ HWY_INLINE void multiply_tile(D d, StridedMatrix a, const float* HWY_RESTRICT b,
       left = hn::Max(left, zero);
       right = hn::Max(right, zero);
     }
-    hn::StoreU(left, d, c + row * columns);
-    hn::StoreU(right, d, c + row * columns + lanes);
+    float* const to = c + std::ptrdiff_t{row} * columns;
+    hn::StoreU(left, d, to);
+    hn::StoreU(right, d, to + lanes);
   };
   store(0, left0, right0);
   if constexpr (kRows > 1) store(1, left1, right1);

@@ -71,12 +71,12 @@ SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
 
   const double reach_px = kReach * camera.pixels_per_lambda_w;
   const int reach_steps = static_cast<int>(std::ceil(reach_px * kStepsPerPx)) + 1;
-  table_.resize(static_cast<std::size_t>(2 * reach_steps + 1) * kProjectionLanes);
+  table_.resize((2 * static_cast<std::size_t>(reach_steps) + 1) * kProjectionLanes);
   for (int step = -reach_steps; step <= reach_steps; ++step) {
     const double x = step / (kStepsPerPx * camera.pixels_per_lambda_w * kModeWidth);
     for (int order = 0; order <= kHighestOrder; ++order) {
-      table_[static_cast<std::size_t>((step + reach_steps) * kProjectionLanes + order)] =
-          static_cast<float>(hermite_function(order, x));
+      table_[static_cast<std::size_t>(step + reach_steps) * kProjectionLanes +
+             static_cast<std::size_t>(order)] = static_cast<float>(hermite_function(order, x));
     }
   }
   for (std::size_t k = 0; k < spots_.size(); ++k) {
@@ -106,17 +106,17 @@ SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
 void SpotFeatures::measure(FrameView frame, std::size_t k, float flux_adu, float mean_flux_adu,
                            float* features) const noexcept {
   const Spot& spot = spots_[k];
-  std::array<float, kProjectionOrders * kProjectionLanes> sums;
+  std::array<float, std::size_t{kProjectionOrders} * kProjectionLanes> sums;
   const ProjectedWindow window{
       .pixels = frame.pixels,
       .pixel_type = pixel_type_,
-      .first = spot.y0 * frame_cols_ + spot.x0,
+      .first = std::ptrdiff_t{spot.y0} * frame_cols_ + spot.x0,
       .frame_cols = frame_cols_,
       .w = spot.w,
       .h = spot.h,
       .along_x = table_.data() + static_cast<std::ptrdiff_t>(spot.table_x) * kProjectionLanes,
       .along_y = table_.data() + static_cast<std::ptrdiff_t>(spot.table_y) * kProjectionLanes,
-      .table_step = kStepsPerPx * kProjectionLanes,
+      .table_step = std::ptrdiff_t{kStepsPerPx} * kProjectionLanes,
       .offset = background_counts_,
       .offsets = dark_counts_.empty() ? nullptr : dark_counts_.data(),
       .gains = gain_.empty() ? nullptr : gain_.data()};

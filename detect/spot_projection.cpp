@@ -32,7 +32,7 @@ float project(D d, const ProjectedWindow& window, float* HWY_RESTRICT sums) {
       const float* function = window.along_x + part;
       V along_x = hn::Zero(d);
       for (int col = 0; col < window.w; ++col, function += window.table_step) {
-        float signal = static_cast<float>(pixels[start + col]);
+        auto signal = static_cast<float>(pixels[start + col]);
         if (window.gains == nullptr) {
           signal -= window.offset;
         } else {
@@ -52,10 +52,10 @@ float project(D d, const ProjectedWindow& window, float* HWY_RESTRICT sums) {
     }
     hn::StoreU(sum0, d, sums + part);
     hn::StoreU(sum1, d, sums + kProjectionLanes + part);
-    hn::StoreU(sum2, d, sums + 2 * kProjectionLanes + part);
-    hn::StoreU(sum3, d, sums + 3 * kProjectionLanes + part);
-    hn::StoreU(sum4, d, sums + 4 * kProjectionLanes + part);
-    hn::StoreU(sum5, d, sums + 5 * kProjectionLanes + part);
+    hn::StoreU(sum2, d, sums + std::ptrdiff_t{2} * kProjectionLanes + part);
+    hn::StoreU(sum3, d, sums + std::ptrdiff_t{3} * kProjectionLanes + part);
+    hn::StoreU(sum4, d, sums + std::ptrdiff_t{4} * kProjectionLanes + part);
+    hn::StoreU(sum5, d, sums + std::ptrdiff_t{5} * kProjectionLanes + part);
   }
   return total;
 }

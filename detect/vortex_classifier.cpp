@@ -252,7 +252,7 @@ void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noe
     for (std::size_t i = 0; i < n; ++i, out += kAnswer) {
       const std::int32_t node = workspace.nodes[first + i];
       std::array<NodeOutput, 2> outputs;
-      static_assert(2 * kNodeOutputs <= kAnswer);
+      static_assert(std::size_t{2} * kNodeOutputs <= kAnswer);
       for (std::size_t sign = 0; sign < 2; ++sign) {
         const float* o = out + sign * std::size_t{kNodeOutputs};
         outputs[sign] = {o[0], o[1], o[2], o[3], o[4], o[5]};

@@ -31,6 +31,8 @@ struct Word {
   std::string_view text;
   Enum value;
 };
+template <typename Enum>
+Word(const char*, Enum) -> Word<Enum>;
 constexpr std::array kThreadingWords = {Word{"inline", Threading::kInline},
                                         Word{"per_stage", Threading::kPerStage}};
 constexpr std::array kTriggerWords = {Word{"as_is", Trigger::kAsIs}, Word{"free", Trigger::kFree},
