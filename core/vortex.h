@@ -24,16 +24,26 @@ struct CirculationMap {
 
 /// Bits of Vortex::flags.
 enum VortexFlag : std::uint32_t {
-  kVortexAtPupilEdge = 1,  ///< a cell of its 3×3 neighbourhood lies outside the pupil
-  kVortexAtHole = 2,       ///< a cell of its 3×3 neighbourhood is lost to a missing lenslet
+  kVortexAtPupilEdge = 1,     ///< a cell of its 3×3 neighbourhood lies outside the pupil
+  kVortexAtHole = 2,          ///< a cell of its 3×3 neighbourhood is lost to a missing lenslet
+  kVortexUnresolvedPair = 4,  ///< two opposite vortices too near each other to be told apart
 };
+
+/// What a detector does not know of a vortex's probability.
+inline constexpr float kUnknownProbability = -1.0F;
 
 struct Vortex {
   float x = 0;  ///< lenslet units: cell (r, c) is centred at (c+½, r+½)
   float y = 0;
-  std::int32_t charge = 0;  ///< +1 or −1
-  float circulation = 0;    ///< D of its cell, rad
-  float significance = 0;   ///< |D| over its standard deviation
+  std::int32_t charge = 0;                  ///< +1 or −1; 0: an unresolved pair, midway
+  float circulation = 0;                    ///< D of its cell, rad
+  float significance = 0;                   ///< |D| over its standard deviation
+  float probability = kUnknownProbability;  ///< that such a vortex lies within .75 pitches
+  float variance_x = 0;                     ///< of the position, pitches²; 0: unknown
+  float variance_y = 0;
+  float covariance_xy = 0;
+  float velocity_x = 0;  ///< of its track, pitches a second; 0 without one
+  float velocity_y = 0;
   std::uint32_t flags = 0;
   std::int64_t track = -1;  ///< −1: not tracked
 };

@@ -1,7 +1,9 @@
 #include "detect/circulation.h"
 
+#include <algorithm>
 #include <bit>
 #include <cassert>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 
@@ -78,6 +80,12 @@ int circulate_rows(const SlopeField& slopes, int first, int last, CirculationMap
 
 void circulate(const SlopeField& slopes, CirculationMap& map) noexcept {
   map.n_valid = circulate_rows(slopes, 0, map.value.rows(), map);
+}
+
+float significance(float circulation_rad, float variance_rad2) noexcept {
+  const float size = std::abs(circulation_rad);
+  const float sigma = std::sqrt(std::max(variance_rad2, 0.0F));
+  return size < kMaxSignificance * sigma ? size / sigma : kMaxSignificance;
 }
 
 }  // namespace curlew

@@ -20,4 +20,10 @@ void circulate(const SlopeField& slopes, CirculationMap& map) noexcept;
 /// many of these cells are valid and leaves map.n_valid alone: the caller adds the parts up.
 int circulate_rows(const SlopeField& slopes, int first, int last, CirculationMap& map) noexcept;
 
+/// Significance where σ_D is 0 or next to nothing: large, and finite.
+inline constexpr float kMaxSignificance = 1e6F;
+
+/// |D| over its standard deviation, at most kMaxSignificance.
+float significance(float circulation_rad, float variance_rad2) noexcept;
+
 }  // namespace curlew

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/error.h"
+#include "detect/circulation.h"
 #include "detect/matrix_product.h"
 
 namespace curlew {
@@ -263,15 +264,15 @@ void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noe
   }
 }
 
-float distance_squared(const ClassifiedVortex& a, const ClassifiedVortex& b) noexcept {
+float distance_squared(const Vortex& a, const Vortex& b) noexcept {
   const float x = a.x - b.x;
   const float y = a.y - b.y;
   return x * x + y * y;
 }
 
 /// The surest views in turn: each is reported unless a surer one is the same vortex.
-void report(const ClassifierPlan& plan, ClassifierWorkspace& workspace,
-            ClassifiedVortexList& vortices) noexcept {
+void report(const ClassifierPlan& plan, const CirculationMap& circulation,
+            ClassifierWorkspace& workspace, VortexList& vortices) noexcept {
   FixedList<NodeVortex>& seen = workspace.seen;
   if (seen.empty()) return;
   std::sort(&seen[0], &seen[0] + seen.size(), [](const NodeVortex& a, const NodeVortex& b) {
@@ -308,9 +309,12 @@ void report(const ClassifierPlan& plan, ClassifierWorkspace& workspace,
       y += weight * other.vortex.y;
     });
     if (!first) continue;
-    ClassifiedVortex vortex = view.vortex;
+    Vortex vortex = view.vortex;
     vortex.x = std::clamp(x / weights, 0.0F, static_cast<float>(plan.cols() - 1));
     vortex.y = std::clamp(y / weights, 0.0F, static_cast<float>(plan.rows() - 1));
+    vortex.circulation = circulation.value(view.row, view.col);
+    vortex.significance =
+        significance(vortex.circulation, circulation.variance(view.row, view.col));
     vortices.push(vortex);
     view.precision = -view.precision;  // reported
   }
@@ -372,7 +376,7 @@ ClassifierWorkspace::ClassifierWorkspace(const ClassifierPlan& plan)
 
 void classify_vortices(const ClassifierPlan& plan, FrameView frame, const Centroids& centroids,
                        const CirculationMap& circulation, ClassifierWorkspace& workspace,
-                       ClassifiedVortexList& vortices) noexcept {
+                       VortexList& vortices) noexcept {
   assert(centroids.state.rows() == plan.rows() && centroids.state.cols() == plan.cols());
   assert(circulation.value.rows() == plan.rows() - 1);
   vortices.clear();
@@ -380,7 +384,7 @@ void classify_vortices(const ClassifierPlan& plan, FrameView frame, const Centro
   choose_nodes(plan, centroids, circulation, mean, workspace);
   encode_lenslets(plan, frame, centroids, mean, workspace);
   judge_nodes(plan, workspace);
-  report(plan, workspace, vortices);
+  report(plan, circulation, workspace, vortices);
 }
 
 }  // namespace curlew

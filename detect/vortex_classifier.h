@@ -21,18 +21,6 @@ struct ClassifierOptions {
   double min_scout = -2.0;
 };
 
-/// A vortex as the network sees it, in lenslet units.
-struct ClassifiedVortex {
-  float x = 0;
-  float y = 0;
-  std::int32_t charge = 0;  ///< +1 or −1
-  float probability = 0;    ///< that such a vortex lies within .75 pitches
-  float variance_x = 0;     ///< of the position, if it is one; pitches²
-  float variance_y = 0;
-  float covariance_xy = 0;
-};
-using ClassifiedVortexList = FixedList<ClassifiedVortex>;
-
 /// All that follows from sensor, frame format, options and network. Const after construction.
 class ClassifierPlan {
  public:
@@ -61,7 +49,7 @@ class ClassifierPlan {
 
 /// A vortex seen from one node, before those seen twice are made one.
 struct NodeVortex {
-  ClassifiedVortex vortex;
+  Vortex vortex;
   float precision = 0;  ///< 1 / mean variance of the position
   std::int32_t row = 0;
   std::int32_t col = 0;
@@ -91,7 +79,7 @@ struct ClassifierWorkspace {
 /// window's edge are not, their pixels count.
 void classify_vortices(const ClassifierPlan& plan, FrameView frame, const Centroids& centroids,
                        const CirculationMap& circulation, ClassifierWorkspace& workspace,
-                       ClassifiedVortexList& vortices) noexcept;
+                       VortexList& vortices) noexcept;
 
 /// The scout's inputs for node (row, col), [kScoutFeatures]: |D|, D of the eight nodes around
 /// relative to its sign, brightness and spread of the four lenslets, σ_D, 1. The workspace as

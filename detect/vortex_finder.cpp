@@ -59,7 +59,6 @@ constexpr float kPedestal = 0.05F;  // of the peak; see find_vortices
 
 Vortex measure(const DetectPlan& plan, const CirculationMap& map, int row, int col) noexcept {
   const float value = map.value(row, col);
-  const float variance = map.variance(row, col);
   const float peak = std::abs(value);
   const float sign = value > 0.0F ? 1.0F : -1.0F;
   const auto weight = [&](int r, int c) {
@@ -70,9 +69,7 @@ Vortex measure(const DetectPlan& plan, const CirculationMap& map, int row, int c
   Vortex vortex;
   vortex.charge = value > 0.0F ? 1 : -1;
   vortex.circulation = value;
-  vortex.significance = peak < kMaxSignificance * std::sqrt(std::max(variance, 0.0F))
-                            ? peak / std::sqrt(variance)
-                            : kMaxSignificance;
+  vortex.significance = significance(value, map.variance(row, col));
   float sum = weight(row, col);
   float sum_x = 0.0F;
   float sum_y = 0.0F;

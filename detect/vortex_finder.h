@@ -7,6 +7,7 @@
 
 #include "core/image.h"
 #include "core/vortex.h"
+#include "detect/circulation.h"
 #include "detect/false_alarms.h"
 
 namespace curlew {
@@ -58,9 +59,6 @@ class DetectPlan {
   Image<std::uint8_t> missing_;  // one cell wider than the array on every side
   std::vector<float> threshold_;
 };
-
-/// Significance where σ_D is 0 or next to nothing: large, and finite.
-inline constexpr float kMaxSignificance = 1e6F;
 
 /// Vortices of one frame, in raster order; `vortices` is cleared first.
 ///

@@ -197,7 +197,7 @@ class ClassifierDetector {
     classify_vortices(*plan_, frame.frame.view(), frame.centroids, frame.circulation,
                       buffers->workspace, buffers->vortices);
     std::vector<Candidate> found;
-    for (const ClassifiedVortex& vortex : buffers->vortices) {
+    for (const Vortex& vortex : buffers->vortices) {
       found.push_back({static_cast<double>(vortex.x), static_cast<double>(vortex.y), vortex.charge,
                        static_cast<double>(vortex.probability)});
     }
@@ -210,7 +210,7 @@ class ClassifierDetector {
     explicit OneFrame(const ClassifierPlan& plan)
         : workspace(plan), vortices(2 * plan.features().lenslet_count()) {}
     ClassifierWorkspace workspace;
-    ClassifiedVortexList vortices;
+    VortexList vortices;
   };
   /// As many as threads have asked at once.
   class Buffers {

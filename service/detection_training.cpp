@@ -423,7 +423,7 @@ std::vector<ScoutLesson> scout_lessons(std::vector<TrainingField>& fields,
     const ClassifierPlan classifier({.min_probability = 0.02, .min_scout = -1e20},
                                     spot_camera(plan.sensor()), plan.format(), network);
     ClassifierWorkspace workspace(classifier);
-    ClassifiedVortexList found(field.light.size());
+    VortexList found(field.light.size());
     classify_vortices(classifier, frame.frame.view(), frame.centroids, frame.circulation, workspace,
                       found);
     Image<float> probability(classifier.rows() - 1, classifier.cols() - 1);
@@ -516,7 +516,7 @@ std::vector<ValidationScore> validate(const std::vector<ValidationFields>& all,
                                       spot_camera(plan->sensor()), plan->format(), network);
       ClassifierWorkspace workspace(classifier);
       MeasuredFrame frame(*plan);
-      ClassifiedVortexList found(4096);
+      VortexList found(4096);
       std::vector<FrameVerdicts> verdicts;
       for (std::size_t i = 0; i < fields.realisations.size(); ++i) {
         measure_frame(*plan, fields.realisations[i],
@@ -524,7 +524,7 @@ std::vector<ValidationScore> validate(const std::vector<ValidationFields>& all,
         classify_vortices(classifier, frame.frame.view(), frame.centroids, frame.circulation,
                           workspace, found);
         std::vector<Candidate> candidates;
-        for (const ClassifiedVortex& v : found) {
+        for (const Vortex& v : found) {
           candidates.push_back({static_cast<double>(v.x), static_cast<double>(v.y), v.charge,
                                 static_cast<double>(v.probability)});
         }

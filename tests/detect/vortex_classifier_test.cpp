@@ -86,7 +86,7 @@ struct Chain {
     measure_slopes(slope_plan, centroids, slopes);
     circulate(slopes, circulation);
   }
-  const ClassifiedVortexList& classify() {
+  const VortexList& classify() {
     classify_vortices(plan, frame.view(), centroids, circulation, workspace, vortices);
     return vortices;
   }
@@ -101,7 +101,7 @@ struct Chain {
   Centroids centroids{kLenslets, kLenslets};
   SlopeField slopes{kLenslets, kLenslets};
   CirculationMap circulation{kLenslets, kLenslets};
-  ClassifiedVortexList vortices{64};
+  VortexList vortices{64};
 };
 
 TEST(VortexClassifier, PlaneWavesHaveNoVortex) {
@@ -126,7 +126,7 @@ TEST(VortexClassifier, FindsVorticesWithTheirSign) {
       for (const double y : {6.5, 9.1}) {
         Chain chain;
         chain.expose(light_of(vortex_scene(x, y, charge), 4000.0), kSeed);
-        const ClassifiedVortexList& found = chain.classify();
+        const VortexList& found = chain.classify();
         ASSERT_EQ(found.size(), 1U) << x << ", " << y;
         EXPECT_EQ(found[0].charge, charge);
         EXPECT_NEAR(static_cast<double>(found[0].x), x, 0.3);
@@ -145,7 +145,7 @@ TEST(VortexClassifier, FollowsRotationAndMirror) {
   Chain upright;
   upright.expose(light, kSeed);
   ASSERT_EQ(upright.classify().size(), 1U);
-  const ClassifiedVortex seen = upright.vortices[0];
+  const Vortex seen = upright.vortices[0];
   const auto* counts = reinterpret_cast<const std::uint16_t*>(upright.frame.data());
   for (const bool transposed : {false, true}) {
     for (const bool mirrored : {false, true}) {
@@ -160,7 +160,7 @@ TEST(VortexClassifier, FollowsRotationAndMirror) {
       }
       turned.centroid();
       ASSERT_EQ(turned.classify().size(), 1U);
-      const ClassifiedVortex& found = turned.vortices[0];
+      const Vortex& found = turned.vortices[0];
       const float x = transposed ? seen.y : seen.x;
       const float y = transposed ? seen.x : seen.y;
       EXPECT_EQ(found.charge, transposed != mirrored ? -seen.charge : seen.charge);
@@ -178,10 +178,10 @@ TEST(VortexClassifier, NeverReportsOneVortexTwice) {
     Scene scene = vortex_scene(3.0 + 9.0 * random.uniform(), 3.0 + 9.0 * random.uniform(), 1);
     scene.vortices.push_back({.x = 12.0 * random.uniform(), .y = 2.0, .charge = -1});
     chain.expose(light_of(scene, 300.0), kSeed + static_cast<std::uint64_t>(trial));
-    const ClassifiedVortexList& found = chain.classify();
+    const VortexList& found = chain.classify();
     reported += found.size();
-    for (const ClassifiedVortex& a : found) {
-      for (const ClassifiedVortex& b : found) {
+    for (const Vortex& a : found) {
+      for (const Vortex& b : found) {
         if (&a == &b || a.charge != b.charge) continue;
         EXPECT_GT(std::hypot(a.x - b.x, a.y - b.y), 0.3F);
       }
@@ -203,7 +203,7 @@ TEST(VortexClassifier, LivesWithMissingLensletsAndAnyPixels) {
       if (random.uniform() < 0.05 * trial / 4)
         chain.centroids.state[k] = k % 2 == 0 ? LensletState::kSaturated : LensletState::kUnlit;
     }
-    for (const ClassifiedVortex& vortex : chain.classify()) {
+    for (const Vortex& vortex : chain.classify()) {
       ++reported;
       EXPECT_TRUE(vortex.x >= 0.0F && vortex.x <= kLenslets - 1);
       EXPECT_TRUE(vortex.y >= 0.0F && vortex.y <= kLenslets - 1);
@@ -224,8 +224,8 @@ TEST(VortexClassifier, SameFrameSameBits) {
   const Image<float> light = light_of(vortex_scene(7.1, 8.4, -1), 1000.0);
   first.expose(light, kSeed);
   second.expose(light, kSeed);
-  const ClassifiedVortexList& a = first.classify();
-  const ClassifiedVortexList& b = second.classify();
+  const VortexList& a = first.classify();
+  const VortexList& b = second.classify();
   ASSERT_EQ(a.size(), b.size());
   ASSERT_FALSE(a.empty());
   for (std::size_t i = 0; i < a.size(); ++i) {

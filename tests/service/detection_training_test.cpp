@@ -90,7 +90,7 @@ TEST(ClassifyVortices, AllocatesNothing) {
     const ClassifierPlan classifier({.min_probability = 0.02, .min_scout = min_scout},
                                     spot_camera(plan.sensor()), plan.format());
     ClassifierWorkspace workspace(classifier);
-    ClassifiedVortexList vortices(64);
+    VortexList vortices(64);
     EXPECT_EQ(allocations_of_this_thread([&] {
                 classify_vortices(classifier, frame.frame.view(), frame.centroids,
                                   frame.circulation, workspace, vortices);
