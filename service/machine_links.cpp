@@ -19,6 +19,32 @@ std::vector<std::string> interfaces(const MachineFiles& files) {
   return up;
 }
 
+/// What is so of one interface, and the command that mends it.
+struct InterfaceFinding {
+  std::string found;
+  bool good;
+  std::string command;
+};
+
+/// find(name) of every interface; advice where one is not good.
+template <typename Find>
+Check check_interfaces(const MachineFiles& files, const char* advice, Find find) {
+  Check check;
+  for (const std::string& name : interfaces(files)) {
+    const InterfaceFinding finding = find(name);
+    check.found += (check.found.empty() ? "" : "; ") + finding.found;
+    if (finding.good) continue;
+    check.verdict = Verdict::kCouldBeBetter;
+    check.advice = advice;
+    check.commands.push_back(finding.command);
+  }
+  if (check.found.empty()) {
+    check.verdict = Verdict::kNotSeen;
+    check.found = "no network interface but loopback";
+  }
+  return check;
+}
+
 /// A column of the Udp lines of /proc/net/snmp: names in the first, values in the second.
 std::int64_t udp_counter(const MachineFiles& files, const std::string& wanted) {
   std::istringstream lines(files.text("/proc/net/snmp").value_or(""));
@@ -60,20 +86,13 @@ Check check_socket_buffer(const Machine& machine, const MachineFiles& files) {
 
 Check check_jumbo_frames(const Machine&, const MachineFiles& files) {
   constexpr std::int64_t kJumbo_bytes = 8000;
-  Check check;
-  for (const std::string& name : interfaces(files)) {
-    const std::int64_t mtu_bytes = files.number(kNet + name + "/mtu").value_or(0);
-    check.found += fmt::format("{}{} MTU {}", check.found.empty() ? "" : ", ", name, mtu_bytes);
-    if (mtu_bytes >= kJumbo_bytes) continue;
-    check.verdict = Verdict::kCouldBeBetter;
-    check.advice = "large packets halve the CPU's work; on the camera's interface only";
-    check.commands.push_back(fmt::format("sudo ip link set {} mtu 9000", name));
-  }
-  if (check.found.empty()) {
-    check.verdict = Verdict::kNotSeen;
-    check.found = "no network interface but loopback";
-  }
-  return check;
+  return check_interfaces(
+      files, "large packets halve the CPU's work; on the camera's interface only",
+      [&](const std::string& name) -> InterfaceFinding {
+        const std::int64_t mtu_bytes = files.number(kNet + name + "/mtu").value_or(0);
+        return {fmt::format("{} MTU {}", name, mtu_bytes), mtu_bytes >= kJumbo_bytes,
+                fmt::format("sudo ip link set {} mtu 9000", name)};
+      });
 }
 
 Check check_packet_loss(const Machine&, const MachineFiles& files) {
@@ -100,25 +119,18 @@ Check check_packet_loss(const Machine&, const MachineFiles& files) {
 Check check_interface_losses(const Machine&, const MachineFiles& files) {
   // Some drops are only packets of protocols nobody here speaks.
   constexpr double kHarmless = 1e-3;
-  Check check;
-  for (const std::string& name : interfaces(files)) {
-    const std::string folder = kNet + name + "/statistics/";
-    const std::int64_t packets = files.number(folder + "rx_packets").value_or(0);
-    const std::int64_t dropped = files.number(folder + "rx_dropped").value_or(0);
-    const std::int64_t missed = files.number(folder + "rx_missed_errors").value_or(0);
-    check.found += fmt::format("{}{}: {} packets, {} dropped, {} missed",
-                               check.found.empty() ? "" : "; ", name, packets, dropped, missed);
-    if (missed == 0 && static_cast<double>(dropped) <= kHarmless * static_cast<double>(packets))
-      continue;
-    check.verdict = Verdict::kCouldBeBetter;
-    check.advice = "give the interface a longer receive queue";
-    check.commands.push_back(fmt::format("sudo ethtool -G {} rx 4096", name));
-  }
-  if (check.found.empty()) {
-    check.verdict = Verdict::kNotSeen;
-    check.found = "no network interface but loopback";
-  }
-  return check;
+  return check_interfaces(
+      files, "give the interface a longer receive queue",
+      [&](const std::string& name) -> InterfaceFinding {
+        const std::string folder = kNet + name + "/statistics/";
+        const std::int64_t packets = files.number(folder + "rx_packets").value_or(0);
+        const std::int64_t dropped = files.number(folder + "rx_dropped").value_or(0);
+        const std::int64_t missed = files.number(folder + "rx_missed_errors").value_or(0);
+        return {
+            fmt::format("{}: {} packets, {} dropped, {} missed", name, packets, dropped, missed),
+            missed == 0 && static_cast<double>(dropped) <= kHarmless * static_cast<double>(packets),
+            fmt::format("sudo ethtool -G {} rx 4096", name)};
+      });
 }
 
 Check check_usb_memory(const Machine&, const MachineFiles& files) {

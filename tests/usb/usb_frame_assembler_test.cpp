@@ -241,11 +241,8 @@ TEST(UsbFrameAssembler, ADamagedNumberIsNotTakenForALoss) {
 }
 
 TEST(UsbFrameAssembler, NumbersThatNeverCameAreLost) {
-  const UsbLayout layout = stream_layout();
-  Collector collector(layout);
-  for (const std::uint32_t n : {1U, 2U, 7U, 8U, 1000U, 1001U}) {
-    collector.feed(stream_frame(layout, n), true);
-  }
+  Collector collector(stream_layout());
+  collector.feed_numbered({1U, 2U, 7U, 8U, 1000U, 1001U});
   ASSERT_EQ(collector.frames.size(), 6U);
   EXPECT_EQ(collector.counts().lost, 4 + 991);
   for (std::size_t i = 0; i < 6; ++i) {
@@ -255,11 +252,8 @@ TEST(UsbFrameAssembler, NumbersThatNeverCameAreLost) {
 }
 
 TEST(UsbFrameAssembler, CountsOnThroughTheWrapOfTheNumber) {
-  const UsbLayout layout = stream_layout();
-  Collector collector(layout);
-  for (const std::uint32_t n : {0xfffffffdU, 0xfffffffeU, 0xffffffffU, 0U, 1U, 3U}) {
-    collector.feed(stream_frame(layout, n), true);
-  }
+  Collector collector(stream_layout());
+  collector.feed_numbered({0xfffffffdU, 0xfffffffeU, 0xffffffffU, 0U, 1U, 3U});
   ASSERT_EQ(collector.frames.size(), 6U);
   EXPECT_EQ(collector.frames[3].sequence, 0x100000000);
   EXPECT_EQ(collector.frames[5].sequence, 0x100000003);
@@ -268,14 +262,11 @@ TEST(UsbFrameAssembler, CountsOnThroughTheWrapOfTheNumber) {
 }
 
 TEST(UsbFrameAssembler, NumbersThatBeginAnewAreFollowed) {
-  const UsbLayout layout = stream_layout();
-  Collector collector(layout);
-  for (const std::uint32_t n : {5000U, 5001U, 0U, 1U, 2U, 4U}) {
-    collector.feed(stream_frame(layout, n), true);
-  }
+  Collector collector(stream_layout());
+  collector.feed_numbered({5000U, 5001U, 0U, 1U, 2U, 4U});
   // 0 is in doubt until 1 follows it.
   ASSERT_EQ(collector.frames.size(), 5U);
-  EXPECT_EQ(collector.frames[2].pixels, stream_pixels(layout, 1));
+  EXPECT_EQ(collector.frames[2].pixels, stream_pixels(stream_layout(), 1));
   EXPECT_TRUE(collector.frames[2].renumbered);
   EXPECT_FALSE(collector.frames[3].renumbered);
   EXPECT_EQ(collector.counts().other, 1);

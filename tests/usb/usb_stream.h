@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <initializer_list>
 #include <memory>
 #include <random>
 #include <string>
@@ -81,6 +82,10 @@ class Collector {
 
   void feed(const Bytes& bytes, bool ended_short = false) {
     assembler_.feed(std::as_bytes(std::span(bytes)), ended_short, {});
+  }
+  /// Whole frames of stream_layout() with these numbers.
+  void feed_numbered(std::initializer_list<std::uint32_t> numbers) {
+    for (const std::uint32_t n : numbers) feed(stream_frame(stream_layout(), n), true);
   }
   UsbFrameAssembler& assembler() { return assembler_; }
   FrameCounts counts() const { return assembler_.counts(); }
