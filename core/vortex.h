@@ -27,6 +27,7 @@ enum VortexFlag : std::uint32_t {
   kVortexAtPupilEdge = 1,     ///< a cell of its 3×3 neighbourhood lies outside the pupil
   kVortexAtHole = 2,          ///< a cell of its 3×3 neighbourhood is lost to a missing lenslet
   kVortexUnresolvedPair = 4,  ///< two opposite vortices too near each other to be told apart
+  kVortexPredicted = 8,       ///< not seen in this frame: where its track should be
 };
 
 /// What a detector does not know of a vortex's probability.

@@ -1,0 +1,137 @@
+#include "detect/assignment.h"
+
+#include <algorithm>
+#include <cassert>
+#include <limits>
+#include <utility>
+
+namespace curlew {
+namespace {
+
+constexpr float kUnreached = std::numeric_limits<float>::infinity();
+constexpr std::size_t kPairs = Assignment::kPairsPerRow;
+
+std::size_t index(std::int32_t i) noexcept { return static_cast<std::size_t>(i); }
+
+}  // namespace
+
+Assignment::Assignment(std::size_t max_rows, std::size_t max_cols)
+    : pairs_(max_rows * kPairs),
+      pair_count_(max_rows),
+      col_of_row_(max_rows),
+      row_of_col_(max_cols),
+      price_(max_cols),
+      cost_(max_cols),
+      reached_from_(max_cols),
+      settled_(max_cols),
+      reached_(max_cols) {}
+
+void Assignment::clear(std::size_t rows, std::size_t cols) noexcept {
+  assert(rows <= pair_count_.size() && cols <= price_.size());
+  rows_ = rows;
+  cols_ = cols;
+  std::fill_n(pair_count_.begin(), rows, 0);
+}
+
+void Assignment::allow(std::size_t row, std::size_t col, float gain) noexcept {
+  if (!(gain > 0.0F)) return;
+  Pair* pairs = &pairs_[row * kPairs];
+  std::int32_t& n = pair_count_[row];
+  const Pair pair{static_cast<std::int32_t>(col), gain};
+  if (n < kPairsPerRow) {
+    pairs[n++] = pair;
+    return;
+  }
+  Pair* least = std::min_element(pairs, pairs + kPairs,
+                                 [](const Pair& a, const Pair& b) { return a.gain < b.gain; });
+  if (least->gain < gain) *least = pair;
+}
+
+void Assignment::solve() noexcept {
+  std::fill_n(col_of_row_.begin(), rows_, -1);
+  std::fill_n(row_of_col_.begin(), cols_, -1);
+  std::fill_n(price_.begin(), cols_, 0.0F);
+  std::fill_n(cost_.begin(), cols_, kUnreached);
+  for (std::size_t row = 0; row < rows_; ++row) place(row);
+}
+
+// Costs are −gain. What it takes to give `first` a column, the rows in its way another each, until
+// a column is free or a row is better off without; reduced costs, so that none is negative.
+void Assignment::place(std::size_t first) noexcept {
+  std::size_t n_reached = 0;
+  const auto reach_from = [&](std::size_t row, float so_far) {
+    for (std::int32_t k = 0; k < pair_count_[row]; ++k) {
+      const Pair& pair = pairs_[row * kPairs + index(k)];
+      const std::size_t col = index(pair.col);
+      if (settled_[col] != 0) continue;
+      const float cost = so_far - pair.gain - price_[col];
+      if (cost_[col] == kUnreached) reached_[n_reached++] = pair.col;
+      if (cost < cost_[col]) {
+        cost_[col] = cost;
+        reached_from_[col] = static_cast<std::int32_t>(row);
+      }
+    }
+  };
+  // so_far of a row: the path's cost less the reduced cost of its own pair, which is 0, so that
+  // leaving the row free costs just so_far.
+  reach_from(first, 0.0F);
+  float free_cost = 0.0F;  // of the cheapest way that ends with a row left free
+  auto freed = static_cast<std::int32_t>(first);
+  std::int32_t end = -1;
+  float end_cost = 0.0F;
+  for (;;) {
+    std::int32_t next = -1;
+    float least = kUnreached;
+    for (std::size_t i = 0; i < n_reached; ++i) {
+      const std::size_t col = index(reached_[i]);
+      if (settled_[col] == 0 && cost_[col] < least) {
+        least = cost_[col];
+        next = reached_[i];
+      }
+    }
+    if (next < 0 || least >= free_cost) {
+      end_cost = free_cost;
+      break;
+    }
+    const std::int32_t holder = row_of_col_[index(next)];
+    if (holder < 0) {
+      end = next;
+      end_cost = least;
+      break;
+    }
+    settled_[index(next)] = 1;
+    // Taking `next` from its holder: gives back the gain of their pair.
+    float gain = 0.0F;
+    for (std::int32_t k = 0; k < pair_count_[index(holder)]; ++k) {
+      const Pair& pair = pairs_[index(holder) * kPairs + index(k)];
+      if (pair.col == next) gain = pair.gain;
+    }
+    const float so_far = least + gain + price_[index(next)];
+    if (so_far < free_cost) {
+      free_cost = so_far;
+      freed = holder;
+    }
+    reach_from(index(holder), so_far);
+  }
+  for (std::size_t i = 0; i < n_reached; ++i) {
+    const std::size_t col = index(reached_[i]);
+    if (settled_[col] != 0) price_[col] += cost_[col] - end_cost;
+    settled_[col] = 0;
+    cost_[col] = kUnreached;
+  }
+  // Turn the path round, from its end to `first`.
+  std::int32_t col = end;
+  if (end < 0) {
+    if (freed == static_cast<std::int32_t>(first)) return;
+    col = std::exchange(col_of_row_[index(freed)], -1);
+  }
+  for (;;) {
+    const std::int32_t row = reached_from_[index(col)];
+    row_of_col_[index(col)] = row;
+    const std::int32_t before = std::exchange(col_of_row_[index(row)], col);
+    if (row == static_cast<std::int32_t>(first)) return;
+    col = before;
+  }
+}
+
+}  // namespace curlew
