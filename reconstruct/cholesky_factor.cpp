@@ -32,6 +32,10 @@ CholeskyFactor::CholeskyFactor(const Eigen::SparseMatrix<double>& a) {
   }
 }
 
+void CholeskyFactor::solve_lower_in_place(float* b) const noexcept {
+  for (std::int32_t j = 0; j < size(); ++j) eliminate(j, b);
+}
+
 void CholeskyFactor::solve_in_place(float* b) const noexcept {
   const std::int32_t* row = row_.data();
   const float* value = values_.data();

@@ -23,6 +23,25 @@ class CholeskyFactor {
   /// b ← A⁻¹ b, b: [size()] in elimination order.
   void solve_in_place(float* b) const noexcept;
 
+  /// b ← L⁻¹ b, so that |b|² becomes bᵀA⁻¹b of the b given.
+  void solve_lower_in_place(float* b) const noexcept;
+
+  /// One step of it: column j, which changes b[j] and elements after it. Where b is zero but at a
+  /// few places, the columns needed are those and, of each, parent(j), parent(parent(j)), …
+  void eliminate(std::int32_t j, float* b) const noexcept {
+    const auto column = static_cast<std::size_t>(j);
+    const float y = b[j] * inverse_diagonal_[column];
+    b[j] = y;
+    for (std::int32_t i = column_start_[column]; i < column_start_[column + 1]; ++i)
+      b[row_[static_cast<std::size_t>(i)]] -= values_[static_cast<std::size_t>(i)] * y;
+  }
+  /// The first element that column j changes after b[j]; −1 none.
+  std::int32_t parent(std::int32_t j) const noexcept {
+    const std::int32_t first = column_start_[static_cast<std::size_t>(j)];
+    if (first == column_start_[static_cast<std::size_t>(j) + 1]) return -1;
+    return row_[static_cast<std::size_t>(first)];
+  }
+
  private:
   std::vector<int> position_;
   std::vector<std::int32_t> column_start_;  // [size()+1], strictly lower part of L by columns

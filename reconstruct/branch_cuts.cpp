@@ -1,0 +1,405 @@
+#include "reconstruct/branch_cuts.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace curlew {
+namespace {
+
+constexpr float kPi = 3.14159265358979F;
+constexpr std::int32_t kBuckets = 256;  // above the largest cost of an edge
+constexpr std::int32_t kFar = std::numeric_limits<std::int32_t>::max() / 4;
+constexpr std::int8_t kSource = 4;  // came_by: no side, the path begins here
+
+/// Sides of a cell: top, right, bottom, left. The way round the cell runs along its top edge to the
+/// right and down its right edge: the other two are passed against their sense.
+constexpr int kAlong[4] = {1, 1, -1, -1};
+
+std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
+
+/// Whole turns that bring a difference into [−π, π], negative.
+std::int32_t turns_of(float difference) {
+  if (difference > kPi) return 1;
+  return difference < -kPi ? -1 : 0;
+}
+
+class Cutter {
+ public:
+  Cutter(const Image<float>& wrapped, BranchCutWorkspace& ws)
+      : wrapped_(wrapped), ws_(ws), rows_(wrapped.rows()), cols_(wrapped.cols()) {}
+
+  void run(const Image<float>& flux, const Image<std::uint8_t>& valid, Image<float>& unwrapped) {
+    find_residues();
+    if (!ws_.residues.empty()) {
+      price_edges(flux, valid);
+      grow_regions();
+      join_regions();
+      pair_residues();
+    }
+    list_cuts(flux, valid);
+    add_turns(unwrapped);
+  }
+
+ private:
+  int cell_rows() const { return rows_ - 1; }
+  int cell_cols() const { return cols_ - 1; }
+  std::int32_t terminals() const { return static_cast<std::int32_t>(ws_.residues.size()) + 1; }
+  std::int32_t outside() const { return terminals() - 1; }
+
+  /// Turns that the short way between neighbours takes off their difference. The cuts are added to
+  /// them later.
+  void find_residues() {
+    for (int r = 0; r < rows_; ++r) {
+      for (int c = 0; c < cols_; ++c) {
+        const float here = wrapped_(r, c);
+        ws_.turns_right(r, c) = c + 1 < cols_ ? turns(wrapped_(r, c + 1) - here) : std::int8_t{0};
+        ws_.turns_down(r, c) = r + 1 < rows_ ? turns(wrapped_(r + 1, c) - here) : std::int8_t{0};
+      }
+    }
+    ws_.residues.clear();
+    for (int r = 0; r < cell_rows(); ++r) {
+      for (int c = 0; c < cell_cols(); ++c) {
+        const int charge = ws_.turns_right(r, c) + ws_.turns_down(r, c + 1) -
+                           ws_.turns_right(r + 1, c) - ws_.turns_down(r, c);
+        // The short differences add up to −2π·(turns taken off).
+        if (charge != 0) ws_.residues.push({r * cell_cols() + c, -charge});
+      }
+    }
+  }
+
+  static std::int8_t turns(float difference) {
+    return static_cast<std::int8_t>(turns_of(difference));
+  }
+
+  void price_edges(const Image<float>& flux, const Image<std::uint8_t>& valid) {
+    double sum = 0.0;
+    int n = 0;
+    for (std::size_t k = 0; k < flux.size(); ++k) {
+      if (valid[k] == 0) continue;
+      sum += static_cast<double>(std::max(flux[k], 0.0F));
+      ++n;
+    }
+    const float scale = sum > 0.0 ? static_cast<float>(16.0 * n / sum) : 0.0F;
+    const auto light = [&](std::size_t k) {
+      return valid[k] != 0 ? std::max(flux[k], 0.0F) : 0.0F;
+    };
+    const auto cost = [&](std::size_t a, std::size_t b) {
+      const float value = 1.5F + scale * (light(a) + light(b));
+      return static_cast<std::int32_t>(std::min(value, static_cast<float>(kBuckets - 1)));
+    };
+    for (int r = 0; r < rows_; ++r) {
+      for (int c = 0; c < cols_; ++c) {
+        const auto k = index(r * cols_ + c);
+        ws_.cost_right[k] = c + 1 < cols_ ? cost(k, k + 1) : 0;
+        ws_.cost_down[k] = r + 1 < rows_ ? cost(k, k + index(cols_)) : 0;
+      }
+    }
+  }
+
+  /// The edge on a side of a cell: its first lenslet, and whether it runs to the right.
+  struct Edge {
+    std::int32_t lenslet;
+    bool right;
+  };
+  Edge edge_of(std::int32_t cell, int side) const {
+    const std::int32_t k = cell / cell_cols() * cols_ + cell % cell_cols();
+    switch (side) {
+      case 0:
+        return {k, true};
+      case 1:
+        return {k + 1, false};
+      case 2:
+        return {k + cols_, true};
+      default:
+        return {k, false};
+    }
+  }
+  std::int32_t cost_of(std::int32_t cell, int side) const {
+    const Edge edge = edge_of(cell, side);
+    return edge.right ? ws_.cost_right[index(edge.lenslet)] : ws_.cost_down[index(edge.lenslet)];
+  }
+  /// The cell beyond a side, −1 outside.
+  std::int32_t beyond(std::int32_t cell, int side) const {
+    const std::int32_t row = cell / cell_cols();
+    const std::int32_t col = cell % cell_cols();
+    switch (side) {
+      case 0:
+        return row > 0 ? cell - cell_cols() : -1;
+      case 1:
+        return col + 1 < cell_cols() ? cell + 1 : -1;
+      case 2:
+        return row + 1 < cell_rows() ? cell + cell_cols() : -1;
+      default:
+        return col > 0 ? cell - 1 : -1;
+    }
+  }
+
+  /// Shortest paths from every residue and the outside, each cell to the nearest.
+  void grow_regions() {
+    std::fill(ws_.distance.begin(), ws_.distance.end(), kFar);
+    std::fill(ws_.bucket.begin(), ws_.bucket.end(), -1);
+    n_entries_ = 0;
+    waiting_ = 0;
+    for (std::int32_t i = 0; i < outside(); ++i) reach(ws_.residues[index(i)].cell, 0, i, kSource);
+    for (std::int32_t cell = 0; cell < cell_rows() * cell_cols(); ++cell) {
+      for (int side = 0; side < 4; ++side)
+        if (beyond(cell, side) < 0)
+          reach(cell, cost_of(cell, side), outside(), static_cast<std::int8_t>(side));
+    }
+    for (std::int32_t at = 0; waiting_ > 0; ++at) {
+      std::int32_t& head = ws_.bucket[index(at % kBuckets)];
+      while (head >= 0) {
+        const std::int32_t entry = head;
+        head = ws_.next[index(entry)];
+        --waiting_;
+        const std::int32_t cell = ws_.entry_cell[index(entry)];
+        if (ws_.entry_distance[index(entry)] != ws_.distance[index(cell)]) continue;
+        for (int side = 0; side < 4; ++side) {
+          const std::int32_t to = beyond(cell, side);
+          if (to >= 0)
+            reach(to, at + cost_of(cell, side), ws_.owner[index(cell)],
+                  static_cast<std::int8_t>((side + 2) % 4));
+        }
+      }
+    }
+  }
+
+  void reach(std::int32_t cell, std::int32_t distance, std::int32_t owner, std::int8_t by) {
+    if (distance >= ws_.distance[index(cell)]) return;
+    if (n_entries_ == static_cast<std::int32_t>(ws_.next.size())) return;
+    ws_.distance[index(cell)] = distance;
+    ws_.owner[index(cell)] = owner;
+    ws_.came_by[index(cell)] = by;
+    const std::int32_t entry = n_entries_++;
+    ws_.entry_cell[index(entry)] = cell;
+    ws_.entry_distance[index(entry)] = distance;
+    ws_.next[index(entry)] = ws_.bucket[index(distance % kBuckets)];
+    ws_.bucket[index(distance % kBuckets)] = entry;
+    ++waiting_;
+  }
+
+  /// Ways between neighbours, then between all (Floyd and Warshall).
+  void join_regions() {
+    const std::int32_t n = terminals();
+    for (std::int32_t i = 0; i < n; ++i) {
+      for (std::int32_t j = 0; j < n; ++j) {
+        ws_.between(i, j) = i == j ? 0 : kFar;
+        ws_.via(i, j) = j;
+      }
+    }
+    for (std::int32_t cell = 0; cell < cell_rows() * cell_cols(); ++cell) {
+      const std::int32_t a = ws_.owner[index(cell)];
+      for (int side = 0; side < 4; ++side) {
+        const std::int32_t other = beyond(cell, side);
+        const std::int32_t b = other < 0 ? outside() : ws_.owner[index(other)];
+        if (a == b) continue;
+        const std::int32_t length = ws_.distance[index(cell)] + cost_of(cell, side) +
+                                    (other < 0 ? 0 : ws_.distance[index(other)]);
+        if (length >= ws_.between(a, b)) continue;
+        ws_.between(a, b) = ws_.between(b, a) = length;
+        ws_.contact(a, b) = ws_.contact(b, a) = 4 * cell + side;
+      }
+    }
+    for (std::int32_t k = 0; k < n; ++k) {
+      for (std::int32_t i = 0; i < n; ++i) {
+        const std::int32_t first = ws_.between(i, k);
+        if (first >= kFar) continue;
+        for (std::int32_t j = 0; j < n; ++j) {
+          if (first + ws_.between(k, j) >= ws_.between(i, j)) continue;
+          ws_.between(i, j) = first + ws_.between(k, j);
+          ws_.via(i, j) = ws_.via(i, k);
+        }
+      }
+    }
+  }
+
+  /// Every positive residue takes a negative one or the outside. What a negative one saves by not
+  /// going outside itself is taken off its price.
+  void pair_residues() {
+    std::int32_t n_positive = 0;
+    std::int32_t n_negative = 0;
+    for (std::int32_t i = 0; i < outside(); ++i) {
+      if (ws_.residues[index(i)].charge > 0)
+        ws_.positive[index(n_positive++)] = i;
+      else
+        ws_.negative[index(n_negative++)] = i;
+    }
+    const auto price = [&](std::int32_t row, std::int32_t col) {
+      const std::int32_t from = ws_.positive[index(row)];
+      if (col < n_negative) {
+        const std::int32_t to = ws_.negative[index(col)];
+        return static_cast<double>(ws_.between(from, to)) -
+               static_cast<double>(ws_.between(to, outside()));
+      }
+      return col - n_negative == row ? static_cast<double>(ws_.between(from, outside()))
+                                     : static_cast<double>(kFar);
+    };
+    assign(n_positive, n_negative + n_positive, price);
+    for (std::int32_t col = 0; col < n_negative + n_positive; ++col) {
+      const std::int32_t row = ws_.match[index(col + 1)] - 1;
+      if (row < 0) {
+        if (col < n_negative) lay_cut(ws_.negative[index(col)], outside(), -1);
+        continue;
+      }
+      lay_cut(ws_.positive[index(row)], col < n_negative ? ws_.negative[index(col)] : outside(), 1);
+    }
+  }
+
+  /// Minimum-cost assignment of every row to a column of its own, by shortest augmenting paths
+  /// (Munkres; the form of R. Jonker and A. Volgenant, Computing 38, 325, 1987). match: [1 + cols],
+  /// 1 + the column's row, or 0.
+  template <typename Price>
+  void assign(std::int32_t rows, std::int32_t cols, Price price) {
+    std::fill_n(ws_.potential_row.begin(), rows + 1, 0.0);
+    std::fill_n(ws_.potential_col.begin(), cols + 1, 0.0);
+    std::fill_n(ws_.match.begin(), cols + 1, 0);
+    for (std::int32_t row = 1; row <= rows; ++row) {
+      ws_.match[0] = row;
+      std::int32_t col = 0;
+      std::fill_n(ws_.least.begin(), cols + 1, std::numeric_limits<double>::infinity());
+      std::fill_n(ws_.used.begin(), cols + 1, std::uint8_t{0});
+      do {
+        ws_.used[index(col)] = 1;
+        const std::int32_t from = ws_.match[index(col)];
+        double delta = std::numeric_limits<double>::infinity();
+        std::int32_t nearest = 0;
+        for (std::int32_t j = 1; j <= cols; ++j) {
+          if (ws_.used[index(j)] != 0) continue;
+          const double reduced =
+              price(from - 1, j - 1) - ws_.potential_row[index(from)] - ws_.potential_col[index(j)];
+          if (reduced < ws_.least[index(j)]) {
+            ws_.least[index(j)] = reduced;
+            ws_.way[index(j)] = col;
+          }
+          if (ws_.least[index(j)] < delta) {
+            delta = ws_.least[index(j)];
+            nearest = j;
+          }
+        }
+        for (std::int32_t j = 0; j <= cols; ++j) {
+          if (ws_.used[index(j)] != 0) {
+            ws_.potential_row[index(ws_.match[index(j)])] += delta;
+            ws_.potential_col[index(j)] -= delta;
+          } else {
+            ws_.least[index(j)] -= delta;
+          }
+        }
+        col = nearest;
+      } while (ws_.match[index(col)] != 0);
+      while (col != 0) {
+        const std::int32_t before = ws_.way[index(col)];
+        ws_.match[index(col)] = ws_.match[index(before)];
+        col = before;
+      }
+    }
+  }
+
+  /// Carries a charge from one terminal to another, through those in between.
+  void lay_cut(std::int32_t from, std::int32_t to, int charge) {
+    while (from != to) {
+      const std::int32_t step = ws_.via(from, to);
+      const std::int32_t contact = ws_.contact(from, step);
+      const std::int32_t cell = contact / 4;
+      const int side = contact % 4;
+      const std::int32_t other = beyond(cell, side);
+      const bool forward = ws_.owner[index(cell)] == from;
+      const int carried = forward ? charge : -charge;  // from cell to other
+      carry(cell, side, carried);
+      retrace(cell, -carried);
+      if (other >= 0) retrace(other, carried);
+      from = step;
+    }
+  }
+
+  /// A charge leaves a cell by a side: what its loop adds up to falls by it.
+  void carry(std::int32_t cell, int side, int charge) {
+    const Edge edge = edge_of(cell, side);
+    auto& turns = (edge.right ? ws_.turns_right : ws_.turns_down)[index(edge.lenslet)];
+    turns = static_cast<std::int8_t>(turns + charge * kAlong[side]);
+  }
+
+  /// Carries a charge from a cell back to where its shortest path began.
+  void retrace(std::int32_t cell, int charge) {
+    while (cell >= 0 && ws_.came_by[index(cell)] != kSource) {
+      const int side = ws_.came_by[index(cell)];
+      carry(cell, side, charge);
+      cell = beyond(cell, side);
+    }
+  }
+
+  void list_cuts(const Image<float>& flux, const Image<std::uint8_t>& valid) {
+    ws_.cuts.clear();
+    ws_.light_cut = 0.0;
+    for (int r = 0; r < rows_; ++r) {
+      for (int c = 0; c < cols_; ++c) {
+        const std::int32_t k = r * cols_ + c;
+        const auto add = [&](std::int32_t to, int turns) {
+          const int shortest = turns_of(wrapped_[index(to)] - wrapped_[index(k)]);
+          if (turns == shortest) return;
+          ws_.cuts.push({k, to, shortest - turns});
+          for (const std::int32_t lenslet : {k, to})
+            if (valid[index(lenslet)] != 0)
+              ws_.light_cut += static_cast<double>(flux[index(lenslet)]);
+        };
+        if (c + 1 < cols_) add(k + 1, ws_.turns_right[index(k)]);
+        if (r + 1 < rows_) add(k + cols_, ws_.turns_down[index(k)]);
+      }
+    }
+  }
+
+  void add_turns(Image<float>& unwrapped) {
+    int first = 0;
+    for (int r = 0; r < rows_; ++r) {
+      int turns = first;
+      for (int c = 0; c < cols_; ++c) {
+        unwrapped(r, c) = wrapped_(r, c) - 2.0F * kPi * static_cast<float>(turns);
+        turns += ws_.turns_right(r, c);
+      }
+      first += ws_.turns_down(r, 0);
+    }
+  }
+
+  const Image<float>& wrapped_;
+  BranchCutWorkspace& ws_;
+  int rows_;
+  int cols_;
+  std::int32_t n_entries_ = 0;
+  std::int32_t waiting_ = 0;
+};
+
+}  // namespace
+
+BranchCutWorkspace::BranchCutWorkspace(int rows, int cols, std::size_t capacity)
+    : residues(capacity),
+      cuts(2 * index(rows) * index(cols)),
+      turns_right(rows, cols),
+      turns_down(rows, cols),
+      cost_right(turns_right.size()),
+      cost_down(turns_right.size()),
+      distance(turns_right.size()),
+      owner(turns_right.size()),
+      came_by(turns_right.size()),
+      bucket(index(kBuckets)),
+      next(8 * turns_right.size()),
+      entry_cell(next.size()),
+      entry_distance(next.size()),
+      between(static_cast<int>(capacity) + 1, static_cast<int>(capacity) + 1),
+      via(between.rows(), between.cols()),
+      contact(between.rows(), between.cols()),
+      potential_row(capacity + 1),
+      potential_col(2 * capacity + 1),
+      least(2 * capacity + 1),
+      match(2 * capacity + 1),
+      way(2 * capacity + 1),
+      positive(capacity),
+      negative(capacity),
+      used(2 * capacity + 1) {}
+
+void unwrap_with_cuts(const Image<float>& wrapped, const Image<float>& flux,
+                      const Image<std::uint8_t>& valid, BranchCutWorkspace& workspace,
+                      Image<float>& unwrapped) noexcept {
+  Cutter(wrapped, workspace).run(flux, valid, unwrapped);
+}
+
+}  // namespace curlew

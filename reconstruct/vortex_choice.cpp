@@ -1,0 +1,445 @@
+#include "reconstruct/vortex_choice.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+namespace curlew {
+namespace {
+
+constexpr int kReach = 3;          // a vortex' loops: 2·kReach cells square
+constexpr int kSide = 2 * kReach;  // of these cells
+constexpr int kOutsides = 2;       // faces 0 and 1
+constexpr float kTwoPi = 6.28318530718F;
+
+std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
+
+/// Loops round corners 00, 01, 10, 11 of a lenslet that its edges are part of, and in which sense.
+/// Edge A, s_x + s_y, runs round corner 10 in the positive sense; edge B, s_y − s_x, round 00.
+std::array<float, 4> along_corners(float x, float y) {
+  const float a = x + y;
+  const float b = y - x;
+  return {b, -a, a, -b};
+}
+
+/// Columns of the factor that elements need, marked and appended to path.
+class Path {
+ public:
+  Path(const CholeskyFactor& factor, std::vector<std::uint8_t>& marked, std::int32_t* columns)
+      : factor_(factor), marked_(marked), columns_(columns) {}
+
+  void add(std::int32_t element) {
+    for (; element >= 0 && marked_[index(element)] == 0; element = factor_.parent(element)) {
+      marked_[index(element)] = 1;
+      columns_[size_++] = element;
+    }
+  }
+  /// Sorts the columns and takes the marks off.
+  std::size_t finish() {
+    std::sort(columns_, columns_ + size_);
+    for (std::size_t i = 0; i < size_; ++i) marked_[index(columns_[i])] = 0;
+    return size_;
+  }
+
+ private:
+  const CholeskyFactor& factor_;
+  std::vector<std::uint8_t>& marked_;
+  std::int32_t* columns_;
+  std::size_t size_ = 0;
+};
+
+/// Calls use(corner, row and column in the square of cells) for the cells round a vortex that lie
+/// on the array.
+template <typename Use>
+void for_each_cell(const Lattice& lattice, float x, float y, Use use) {
+  const int top = static_cast<int>(std::floor(y + 0.5F)) - kReach + 1;  // corners
+  const int left = static_cast<int>(std::floor(x + 0.5F)) - kReach + 1;
+  for (int i = 0; i < kSide; ++i) {
+    for (int j = 0; j < kSide; ++j) {
+      if (top + i < 1 || top + i >= lattice.rows() || left + j < 1 || left + j >= lattice.cols())
+        continue;
+      use((top + i) * lattice.corner_cols() + left + j, i, j);
+    }
+  }
+}
+
+/// Loops of a vortex in the cells round it. They add up to 2π on each sublattice, the part of the
+/// cells farther out included.
+std::array<float, kSide * kSide> vortex_loops(float x, float y, float charge, float softening) {
+  const float top = std::floor(y + 0.5F) - static_cast<float>(kReach) - y;  // of the lenslets
+  const float left = std::floor(x + 0.5F) - static_cast<float>(kReach) - x;
+  std::array<float, kSide * kSide> loops{};
+  for (int i = 0; i <= kSide; ++i) {
+    for (int j = 0; j <= kSide; ++j) {
+      const float dx = left + static_cast<float>(j);
+      const float dy = top + static_cast<float>(i);
+      const float inverse = charge / (dx * dx + dy * dy + softening);
+      const auto along = along_corners(-dy * inverse, dx * inverse);
+      const auto add = [&](int row, int col, float value) {
+        if (row >= 0 && row < kSide && col >= 0 && col < kSide)
+          loops[index(row * kSide + col)] += value;
+      };
+      add(i - 1, j - 1, along[0]);
+      add(i - 1, j, along[1]);
+      add(i, j - 1, along[2]);
+      add(i, j, along[3]);
+    }
+  }
+  float sum[2] = {0.0F, 0.0F};
+  for (int i = 0; i < kSide; ++i)
+    for (int j = 0; j < kSide; ++j) sum[(i + j) % 2] += loops[index(i * kSide + j)];
+  for (int i = 0; i < kSide; ++i)
+    for (int j = 0; j < kSide; ++j)
+      loops[index(i * kSide + j)] *= charge * kTwoPi / sum[(i + j) % 2];
+  return loops;
+}
+
+class Chooser {
+ public:
+  Chooser(const VortexChoicePlan& plan, VortexChoiceWorkspace& ws) : plan_(plan), ws_(ws) {}
+
+  void run(const VortexList& candidates, const SlopeField& slopes, VortexList& chosen) {
+    take(candidates);
+    for (std::size_t t = 0; t < plan_.tiles().size(); ++t) {
+      tile_ = &plan_.tiles()[t];
+      if (!gather(static_cast<std::int32_t>(t))) continue;
+      whiten_measured(slopes);
+      whiten_candidates();
+      multiply();
+      go_downhill();
+      for (std::size_t i = 0; i < ws_.local.size(); ++i)
+        if (ws_.tile[ws_.local[i]] == static_cast<std::int32_t>(t))
+          ws_.believed[ws_.local[i]] = ws_.chosen[i];
+    }
+    for (std::size_t i = 0; i < ws_.candidates.size(); ++i)
+      if (ws_.believed[i] != 0) chosen.push(ws_.candidates[i]);
+  }
+
+ private:
+  float probability_of(const Vortex& vortex) const {
+    return vortex.probability >= 0.0F ? vortex.probability : plan_.options().unknown_probability;
+  }
+
+  void take(const VortexList& candidates) {
+    ws_.candidates.clear();
+    for (const Vortex& vortex : candidates) {
+      if (vortex.charge == 0 || !near(vortex, 0, 0, plan_.rows(), plan_.cols())) continue;
+      if (!(probability_of(vortex) >= plan_.options().min_probability)) continue;
+      const std::size_t i = ws_.candidates.size();
+      if (!ws_.candidates.push(vortex)) continue;
+      ws_.tile[i] = plan_.tile_at(vortex.x, vortex.y);
+      ws_.believed[i] = 0;
+    }
+  }
+
+  /// Whether a vortex lies on part of the array or up to 2 pitches off it.
+  static bool near(const Vortex& vortex, int row, int col, int rows, int cols) {
+    const auto within = [](float x, int first, int n) {
+      return x >= static_cast<float>(first - 2) && x <= static_cast<float>(first + n + 1);
+    };
+    return within(vortex.x, col, cols) && within(vortex.y, row, rows);
+  }
+
+  /// The candidates of a tile; false if none belongs to it.
+  bool gather(std::int32_t t) {
+    const Lattice& lattice = tile_->lattice();
+    bool any = false;
+    ws_.local.clear();
+    for (std::size_t v = 0; v < ws_.candidates.size(); ++v) {
+      const Vortex& vortex = ws_.candidates[v];
+      if (!near(vortex, tile_->row(), tile_->col(), lattice.rows(), lattice.cols())) continue;
+      any = any || ws_.tile[v] == t;
+      const std::size_t i = ws_.local.size();
+      ws_.local.push(v);
+      const float p = std::clamp(probability_of(vortex), 1e-3F, 1.0F - 1e-3F);
+      ws_.cost[i] = -plan_.options().prior_weight * std::log(p / (1.0F - p));
+      ws_.chosen[i] = p >= 0.5F ? 1 : 0;
+    }
+    return any;
+  }
+
+  void whiten_measured(const SlopeField& slopes) {
+    const auto n = index(tile_->factor().size());
+    std::fill_n(ws_.measured.begin(), n, 0.0F);
+    const Lattice& lattice = tile_->lattice();
+    for (int r = 0; r < lattice.rows(); ++r) {
+      for (int c = 0; c < lattice.cols(); ++c) {
+        const int k = r * lattice.cols() + c;
+        if (lattice.phase_group_of(k) < 0) continue;
+        const int on_array = (tile_->row() + r) * slopes.cols() + tile_->col() + c;
+        float x = slopes.x[index(on_array)];
+        float y = slopes.y[index(on_array)];
+        if (slopes.valid[index(on_array)] == 0) mean_of_neighbours(slopes, on_array, x, y);
+        const auto corner = lattice.corners_of(k);
+        const auto along = along_corners(x, y);
+        for (std::size_t i = 0; i < 4; ++i) {
+          const std::int32_t unknown = tile_->unknown_of(corner[i]);
+          if (unknown >= 0) ws_.measured[index(unknown)] += along[i];
+        }
+      }
+    }
+    tile_->factor().solve_lower_in_place(ws_.measured.data());
+  }
+
+  static void mean_of_neighbours(const SlopeField& slopes, int k, float& x, float& y) {
+    const int row = k / slopes.cols();
+    const int col = k % slopes.cols();
+    float n = 0.0F;
+    x = y = 0.0F;
+    for (int r = row - 1; r <= row + 1; ++r) {
+      for (int c = col - 1; c <= col + 1; ++c) {
+        if (!slopes.valid.contains(r, c) || slopes.valid(r, c) == 0) continue;
+        x += slopes.x(r, c);
+        y += slopes.y(r, c);
+        n += 1.0F;
+      }
+    }
+    if (n > 0.0F) {
+      x /= n;
+      y /= n;
+    }
+  }
+
+  void whiten_candidates() {
+    const CholeskyFactor& factor = tile_->factor();
+    ws_.start[0] = 0;
+    for (std::size_t v = 0; v < ws_.local.size(); ++v) {
+      const Vortex& vortex = ws_.candidates[ws_.local[v]];
+      const float x = vortex.x - static_cast<float>(tile_->col());
+      const float y = vortex.y - static_cast<float>(tile_->row());
+      const auto loops =
+          vortex_loops(x, y, static_cast<float>(vortex.charge), plan_.options().softening);
+      std::int32_t* const columns = ws_.element.data() + ws_.start[v];
+      Path path(factor, ws_.marked, columns);
+      for_each_cell(tile_->lattice(), x, y, [&](int corner, int i, int j) {
+        const std::int32_t unknown = tile_->unknown_of(corner);
+        if (unknown < 0) return;
+        ws_.scratch[index(unknown)] += loops[index(i * kSide + j)];
+        path.add(unknown);
+      });
+      const std::size_t n = path.finish();
+      float* const values = ws_.value.data() + ws_.start[v];
+      for (std::size_t i = 0; i < n; ++i) {
+        factor.eliminate(columns[i], ws_.scratch.data());
+        values[i] = ws_.scratch[index(columns[i])];
+      }
+      for (std::size_t i = 0; i < n; ++i) ws_.scratch[index(columns[i])] = 0.0F;
+      ws_.start[v + 1] = ws_.start[v] + n;
+    }
+  }
+
+  /// Overlaps of all candidates; gain: with what those chosen at the start leave over.
+  void multiply() {
+    const std::size_t n = ws_.local.size();
+    for (std::size_t a = 0; a < n; ++a) {
+      float with_measured = 0.0F;
+      for (std::size_t i = ws_.start[a]; i < ws_.start[a + 1]; ++i) {
+        with_measured += ws_.value[i] * ws_.measured[index(ws_.element[i])];
+        ws_.scratch[index(ws_.element[i])] = ws_.value[i];
+      }
+      ws_.gain[a] = with_measured;
+      for (std::size_t b = 0; b <= a; ++b) {
+        float sum = 0.0F;
+        for (std::size_t i = ws_.start[b]; i < ws_.start[b + 1]; ++i)
+          sum += ws_.value[i] * ws_.scratch[index(ws_.element[i])];
+        overlap(a, b) = overlap(b, a) = sum;
+      }
+      for (std::size_t i = ws_.start[a]; i < ws_.start[a + 1]; ++i)
+        ws_.scratch[index(ws_.element[i])] = 0.0F;
+    }
+    for (std::size_t a = 0; a < n; ++a)
+      for (std::size_t b = 0; b < n; ++b)
+        if (ws_.chosen[b] != 0) ws_.gain[a] -= overlap(a, b);
+  }
+
+  float& overlap(std::size_t a, std::size_t b) {
+    return ws_.overlap(static_cast<int>(a), static_cast<int>(b));
+  }
+
+  /// By how much the cost changes when candidate a changes sides. An edge's square is twice its
+  /// share in the slopes'.
+  float change(std::size_t a) {
+    const float sign = ws_.chosen[a] != 0 ? -1.0F : 1.0F;
+    return scale() * (overlap(a, a) - 2.0F * sign * ws_.gain[a]) + sign * ws_.cost[a];
+  }
+  float scale() const { return 0.25F / plan_.options().slope_variance; }
+
+  void flip(std::size_t a) {
+    const float sign = ws_.chosen[a] != 0 ? -1.0F : 1.0F;
+    ws_.chosen[a] ^= 1U;
+    for (std::size_t b = 0; b < ws_.local.size(); ++b) ws_.gain[b] -= sign * overlap(b, a);
+  }
+
+  void go_downhill() {
+    constexpr float kEnough = -1e-3F;
+    const std::size_t n = ws_.local.size();
+    for (std::size_t round = 0; round < 2 * n; ++round) {
+      float best = kEnough;
+      std::size_t best_a = n;
+      std::size_t best_b = n;
+      for (std::size_t a = 0; a < n; ++a) {
+        const float alone = change(a);
+        if (alone < best) {
+          best = alone;
+          best_a = a;
+          best_b = n;
+        }
+        const float sign = ws_.chosen[a] != 0 ? -2.0F * scale() : 2.0F * scale();
+        for (std::size_t b = 0; b < a; ++b) {
+          const float both =
+              alone + change(b) + (ws_.chosen[b] != 0 ? -sign : sign) * overlap(a, b);
+          if (both >= best) continue;
+          best = both;
+          best_a = a;
+          best_b = b;
+        }
+      }
+      if (best_a == n) return;
+      flip(best_a);
+      if (best_b < n) flip(best_b);
+    }
+  }
+
+  const VortexChoicePlan& plan_;
+  VortexChoiceWorkspace& ws_;
+  const ChoiceTile* tile_ = nullptr;
+};
+
+Lattice lattice_of(const Image<std::uint8_t>& valid) {
+  Lattice lattice(valid.rows(), valid.cols());
+  lattice.build(valid);
+  return lattice;
+}
+
+/// Cores that an axis of n lenslets is cut into.
+int cores(int n) {
+  const int one = VortexChoicePlan::kCore + 2 * VortexChoicePlan::kMargin;
+  return n <= one ? 1 : (n + VortexChoicePlan::kCore - 1) / VortexChoicePlan::kCore;
+}
+
+/// The lenslets of one core with its margin, [first, last), of `parts` cores of n lenslets.
+std::array<int, 2> span_of(int part, int parts, int n) {
+  const int first = part * n / parts - VortexChoicePlan::kMargin;
+  const int last = (part + 1) * n / parts + VortexChoicePlan::kMargin;
+  return {std::max(first, 0), std::min(last, n)};
+}
+
+}  // namespace
+
+ChoiceTile::ChoiceTile(int row, int col, const Image<std::uint8_t>& valid)
+    : row_(row),
+      col_(col),
+      lattice_(lattice_of(valid)),
+      factor_(make_factor()),
+      unknown_(index(lattice_.n_corners())) {
+  for (int corner = 0; corner < lattice_.n_corners(); ++corner) {
+    const int face = lattice_.face_of(corner) - kOutsides;
+    unknown_[index(corner)] = face < 0 ? -1 : factor_.position()[index(face)];
+  }
+  std::vector<std::uint8_t> marked(index(factor_.size()));
+  std::vector<std::int32_t> columns(marked.size());
+  for (int r = 0; r <= lattice_.rows(); ++r) {
+    for (int c = 0; c <= lattice_.cols(); ++c) {
+      Path path(factor_, marked, columns.data());
+      for_each_cell(lattice_, static_cast<float>(c) - 0.5F, static_cast<float>(r) - 0.5F,
+                    [&](int corner, int, int) {
+                      if (unknown_of(corner) >= 0) path.add(unknown_of(corner));
+                    });
+      longest_path_ = std::max(longest_path_, path.finish());
+    }
+  }
+}
+
+CholeskyFactor ChoiceTile::make_factor() const {
+  const int n = lattice_.n_faces() - kOutsides;
+  std::vector<Eigen::Triplet<double>> entries;
+  const auto add_edge = [&](int corner_a, int corner_b) {
+    const int a = lattice_.face_of(corner_a) - kOutsides;
+    const int b = lattice_.face_of(corner_b) - kOutsides;
+    if (a == b) return;
+    if (a >= 0) entries.emplace_back(a, a, 1.0);
+    if (b >= 0) entries.emplace_back(b, b, 1.0);
+    if (a >= 0 && b >= 0) entries.emplace_back(std::max(a, b), std::min(a, b), -1.0);
+  };
+  for (int k = 0; k < lattice_.rows() * lattice_.cols(); ++k) {
+    if (lattice_.phase_group_of(k) < 0) continue;
+    const auto corner = lattice_.corners_of(k);
+    add_edge(corner[1], corner[2]);
+    add_edge(corner[0], corner[3]);
+  }
+  Eigen::SparseMatrix<double> a(n, n);
+  a.setFromTriplets(entries.begin(), entries.end());
+  return CholeskyFactor(a);
+}
+
+VortexChoicePlan::VortexChoicePlan(const Image<std::uint8_t>& valid,
+                                   const VortexChoiceOptions& options, std::size_t capacity)
+    : options_(options),
+      capacity_(capacity),
+      rows_(valid.rows()),
+      cols_(valid.cols()),
+      tile_rows_(cores(valid.rows())),
+      tile_cols_(cores(valid.cols())) {
+  for (int i = 0; i < tile_rows_; ++i) {
+    for (int j = 0; j < tile_cols_; ++j) {
+      const auto [top, bottom] = span_of(i, tile_rows_, rows_);
+      const auto [left, right] = span_of(j, tile_cols_, cols_);
+      Image<std::uint8_t> part(bottom - top, right - left);
+      bool any = false;
+      for (int r = top; r < bottom; ++r) {
+        for (int c = left; c < right; ++c) {
+          part(r - top, c - left) = valid(r, c);
+          any = any || valid(r, c) != 0;
+        }
+      }
+      tile_of_core_.push_back(any ? static_cast<std::int32_t>(tiles_.size()) : -1);
+      if (any) tiles_.emplace_back(top, left, part);
+    }
+  }
+}
+
+std::int32_t VortexChoicePlan::tile_at(float x, float y) const {
+  const auto core = [](float place, int n, int parts) {
+    const int lenslet = std::clamp(static_cast<int>(std::floor(place + 0.5F)), 0, n - 1);
+    return std::min(((lenslet + 1) * parts - 1) / n, parts - 1);
+  };
+  return tile_of_core_[index(core(y, rows_, tile_rows_) * tile_cols_ + core(x, cols_, tile_cols_))];
+}
+
+namespace {
+
+template <typename Of>
+std::size_t largest(const VortexChoicePlan& plan, Of of) {
+  std::size_t most = 0;
+  for (const ChoiceTile& tile : plan.tiles()) most = std::max(most, of(tile));
+  return most;
+}
+
+}  // namespace
+
+VortexChoiceWorkspace::VortexChoiceWorkspace(const VortexChoicePlan& plan)
+    : candidates(plan.capacity()),
+      tile(plan.capacity()),
+      believed(plan.capacity()),
+      local(plan.capacity()),
+      measured(largest(plan, [](const ChoiceTile& t) { return index(t.factor().size()); })),
+      scratch(measured.size()),
+      marked(measured.size()),
+      element(plan.capacity() *
+              largest(plan, [](const ChoiceTile& t) { return t.longest_path(); })),
+      value(element.size()),
+      start(plan.capacity() + 1),
+      overlap(static_cast<int>(plan.capacity()), static_cast<int>(plan.capacity())),
+      gain(plan.capacity()),
+      cost(plan.capacity()),
+      chosen(plan.capacity()) {}
+
+void choose_vortices(const VortexChoicePlan& plan, const VortexList& candidates,
+                     const SlopeField& slopes, VortexChoiceWorkspace& workspace,
+                     VortexList& chosen) noexcept {
+  chosen.clear();
+  Chooser(plan, workspace).run(candidates, slopes, chosen);
+}
+
+}  // namespace curlew
