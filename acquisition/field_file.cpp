@@ -74,4 +74,18 @@ SampledField read_sampled_field(const std::string& path, int rows, int cols) {
   return field;
 }
 
+void write_sampled_field(const std::string& path, const SampledField& field) {
+  const Image<std::complex<float>>& values = field.values;
+  std::vector<float> parts(2 * values.size());
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    parts[k] = values[k].real();
+    parts[values.size() + k] = values[k].imag();
+  }
+  FitsFile file = FitsFile::create(path);
+  file.create_image(ElementType::kF32, {2, values.rows(), values.cols()});
+  file.write_key("SAMPLES", std::int64_t{field.samples_per_lenslet}, "field points a lenslet side");
+  file.write_pixels<float>(0, parts);
+  file.commit();
+}
+
 }  // namespace curlew

@@ -1,4 +1,4 @@
-// Anybody's complex field, read from FITS.
+// Complex fields in FITS: anybody's to read, ours to write.
 #pragma once
 
 #include <string>
@@ -13,5 +13,8 @@ namespace curlew {
 /// lenslet (0, 0), and nothing is interpolated or scaled. Throws Failure naming the file and both
 /// sizes.
 SampledField read_sampled_field(const std::string& path, int rows, int cols);
+
+/// Writes a field as read_sampled_field reads it, in floats. `field` must have no margin.
+void write_sampled_field(const std::string& path, const SampledField& field);
 
 }  // namespace curlew

@@ -159,6 +159,24 @@ std::vector<SceneVortex> Simulator::vortices(std::int64_t frame) {
   return beam_.vortices(frame);
 }
 
+SampledField Simulator::field(std::int64_t frame) {
+  move_beam_to(frame);
+  const int n = options_.field_samples;
+  SampledField field;
+  field.samples_per_lenslet = n;
+  field.values = Image<std::complex<float>>(options_.rows * n, options_.cols * n);
+  for (int row = 0; row < options_.rows; ++row) {
+    for (int col = 0; col < options_.cols; ++col) {
+      beam_.sample(row, col, frame, lenslet_field_);
+      for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < n; ++j)
+          field.values(row * n + i, col * n + j) = std::complex<float>(lenslet_field_(i, j));
+      }
+    }
+  }
+  return field;
+}
+
 std::vector<TruthVortex> Simulator::truth(std::int64_t frame) {
   const std::vector<SceneVortex> all = vortices(frame);
   std::vector<TruthVortex> seen;

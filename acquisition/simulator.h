@@ -59,6 +59,9 @@ class Simulator final : public FrameSource {
   /// All vortices of a frame, those off the array too, as far as they are known.
   std::vector<SceneVortex> vortices(std::int64_t frame);
 
+  /// The complex field over the array in a frame, before the pupil; values [rows·n, cols·n].
+  SampledField field(std::int64_t frame);
+
   /// The electrons a lit lenslet gathers where the amplitude is 1: the photons asked for, or what
   /// the scale of noise-free frames comes to (behind turbulence: of the latest).
   double electrons_per_lenslet() const { return electrons_; }

@@ -175,7 +175,8 @@ void drop(Sensor& sensor, std::size_t k) {
 void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
                const std::vector<WindowGain>& gains, std::vector<std::string>& notes) {
   constexpr double kLeastGain = 0.3;
-  constexpr double kMostGain = 1.2;
+  // What a threshold lifts above 1 is little; that of the brightest pixels moves with the spot.
+  const double most_gain = is_centre_of_gravity(sensor.method) ? 1.2 : 2.0;
   constexpr double kLeastOfTypical = 0.7;
   std::vector<float> sure;
   for (std::size_t k = 0; k < measured.size(); ++k) {
@@ -195,8 +196,8 @@ void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
       ++n_smeared;
       continue;
     }
-    const double x = std::clamp(gains[k].x, kLeastGain, kMostGain);
-    const double y = std::clamp(gains[k].y, kLeastGain, kMostGain);
+    const double x = std::clamp(gains[k].x, kLeastGain, most_gain);
+    const double y = std::clamp(gains[k].y, kLeastGain, most_gain);
     sensor.gain_x[k] = static_cast<float>(x);
     sensor.gain_y[k] = static_cast<float>(y);
     n_held += x != gains[k].x || y != gains[k].y ? 1 : 0;
@@ -209,7 +210,7 @@ void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
   }
   if (n_held > 0) {
     notes.push_back(say("the window gain of ", n_held, " lenslets was held within ", kLeastGain,
-                        " to ", kMostGain, ": their light reaches the window's edge"));
+                        " to ", most_gain, ": their light reaches the window's edge"));
   }
   if (n_unsure > 0) {
     notes.push_back(say("the window gain of ", n_unsure, " faint lenslets is that of a modelled ",
@@ -239,9 +240,12 @@ void measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>& l
   part_neighbours(sensor.window);
 
   const double noise_adu = sensor.detector.read_noise_e / sensor.detector.e_per_adu;
-  const SignalThreshold threshold{
-      std::max(options.threshold_adu, options.threshold_noise * noise_adu),
-      options.threshold_relative};
+  sensor.method = options.method;
+  const SignalThreshold threshold =
+      options.method == CentroidMethod::kPlain
+          ? SignalThreshold{}
+          : SignalThreshold{std::max(options.threshold_adu, options.threshold_noise * noise_adu),
+                            options.threshold_relative};
   std::vector<WindowMeasurement> measured(found.lit.size());
   int n_dropped = 0;
   for (std::size_t k = 0; k < found.lit.size(); ++k) {
@@ -263,7 +267,9 @@ void measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>& l
     notes.push_back(say(n_dropped, " spots at the rim were left out: less than half of the window ",
                         "is on the detector, or nothing in it exceeds the threshold"));
   }
-  set_gains(sensor, measured, find_window_gains(sensor, measured, threshold), notes);
+  const WindowGains gains = find_window_gains(sensor, measured, threshold, options);
+  sensor.spot_blur_px = gains.spot_blur_px;
+  set_gains(sensor, measured, gains.gains, notes);
 }
 
 }  // namespace

@@ -39,8 +39,9 @@ struct Calibration {
 ///
 /// Window gains are measured on the reference's signal max(I − background − T, 0) and corrected for
 /// what coarse pixels do to that measurement on a spot modelled from the optics (window_gain.h);
-/// where the optics are unknown the model is a Gaussian. Held within [0.3, 1.2]. A lenslet with
-/// less than 0.7 of the median measured gain is left out: a smear, or a spot that the rim cuts.
+/// where the optics are unknown the model is a Gaussian. Held within [0.3, 1.2] (2 for
+/// methods other than the centres of gravity). A lenslet with less than 0.7 of the median measured
+/// gain is left out: a smear, or a spot that the rim cuts.
 ///
 /// References are centres of gravity over the windows, a first estimate: the caller measures them
 /// again with the pipeline's own kernel. What is unknown stays NaN, except e⁻ per ADU (1) and read

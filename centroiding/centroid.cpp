@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "centroiding/centroid_methods.h"
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "centroiding/centroid.cpp"
 #include "hwy/foreach_target.h"
@@ -283,13 +285,15 @@ void finish(const CentroidPlan& plan, const CentroidPlan::Spot& spot, const Wind
       !(sums.v > 0.0F && sums.v * sums.v >= plan.min_snr_squared * sums.q)) {
     state = LensletState::kFaint;
   }
-  if (state != LensletState::kValid) return clear(out, k, state, flux_adu);
+  const bool described = state == LensletState::kValid || state == LensletState::kFaint;
+  if (!described || !(sums.v > 0.0F)) return clear(out, k, state, flux_adu);
 
   const float inverse = 1.0F / sums.v;
   const float x = sums.v_x * inverse;
   const float y = sums.v_y * inverse;
-  if (x < spot.min_x || x > spot.max_x || y < spot.min_y || y > spot.max_y) {
-    return clear(out, k, LensletState::kAtEdge, flux_adu);
+  if (state == LensletState::kValid &&
+      (x < spot.min_x || x > spot.max_x || y < spot.min_y || y > spot.max_y)) {
+    state = LensletState::kAtEdge;
   }
   out.x_px[k] = (static_cast<float>(spot.x0) + 0.5F * static_cast<float>(spot.w - 1)) + x;
   out.y_px[k] = (static_cast<float>(spot.y0) + 0.5F * static_cast<float>(spot.h - 1)) + y;
@@ -303,8 +307,8 @@ void finish(const CentroidPlan& plan, const CentroidPlan::Spot& spot, const Wind
   out.variance_y_px2[k] =
       std::max((sums.q_yy - 2.0F * y * sums.q_y + y * y * sums.q) * scale, 0.0F);
   out.covariance_xy_px2[k] = (sums.q_xy - x * sums.q_y - y * sums.q_x + x * y * sums.q) * scale;
-  out.state[k] = LensletState::kValid;
-  ++out.n_valid;
+  out.state[k] = state;
+  out.n_valid += state == LensletState::kValid ? 1 : 0;
 }
 
 template <typename Pixel, bool kMaps>
@@ -357,6 +361,7 @@ void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, i
                          Centroids& centroids) noexcept {
   if (first == 0) centroids.n_valid = centroids.n_saturated = 0;
   HWY_DYNAMIC_DISPATCH(measure)(plan, frame, first, last, centroids);
+  if (!is_centre_of_gravity(plan.method)) find_positions(plan, frame, first, last, centroids);
 }
 
 void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids) noexcept {

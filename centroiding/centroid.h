@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "centroiding/centroid_method.h"
 #include "centroiding/sensor.h"
 #include "core/centroids.h"
 #include "core/frame.h"
@@ -20,6 +21,17 @@ struct CentroidOptions {
   double min_snr = 5.0;             ///< fainter than this (flux over its noise) is missing
   double edge_fraction = 0.1;  ///< a spot this near (in window widths) its window's edge is missing
   double max_bad_fraction = 0.25;  ///< a window with more of its pixels bad is missing
+
+  /// How positions are found; flux and second moments are always those above T. What is said of
+  /// the others: centroid_methods.h. kPlain: T is 0.
+  CentroidMethod method = CentroidMethod::kThresholded;
+  /// σ of the Gaussian of kWeighted, kCorrelation and kMaximumLikelihood. 0: .42 λ/w, which is the
+  /// spot's own width at the diffraction limit, or a sixth of the window where λ/w is not known.
+  double spot_sigma_px = 0.0;
+  /// Of kWeighted: with how much light (in read noises: 3 are 3 times its electrons) the reference
+  /// holds the spot. Dark lenslets then report small slopes instead of their noise.
+  double reference_pull = 3.0;
+  int brightest_pixels = 0;  ///< of kBrightestPixels; 0: a quarter of the window's, 64 at most
 };
 
 /// All that the centroid kernel needs, in the frame's own counts. Built once per sensor, frame
@@ -70,11 +82,20 @@ struct CentroidPlan {
   float pixel_variance = 0;   ///< read noise and quantisation, counts²
   float min_snr_squared = 0;  ///< CentroidOptions::min_snr²
 
+  CentroidMethod method = CentroidMethod::kThresholded;
+  // Of methods other than the centres of gravity:
+  float spot_sigma_px = 0;
+  float reference_pull = 0;  ///< counts
+  int brightest_pixels = 0;
+  AlignedVector<float> reference_x;  ///< [lenslets], relative to the window's centre
+  AlignedVector<float> reference_y;
+
  private:
   std::vector<int> rows_needed_;
 };
 
-/// Measures every lenslet's spot. The frame must be of the plan's format and `centroids` of the
+/// Measures every lenslet's spot. What follows is said of the centres of gravity; for the other
+/// methods see centroid_methods.h. The frame must be of the plan's format and `centroids` of the
 /// plan's lenslets. Where x̄ = Σvx/Σv over the window's signals v:
 ///
 /// - x_px, y_px: the centre of gravity; xx, yy, xy: central second moments, both of the signal

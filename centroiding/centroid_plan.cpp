@@ -2,9 +2,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <string>
 
 #include "centroiding/centroid.h"
+#include "centroiding/centroid_methods.h"
 #include "core/error.h"
 
 namespace curlew {
@@ -63,6 +65,36 @@ void check_options(const CentroidOptions& options) {
           "edge_fraction must be in [0, 0.25]");
   require(options.max_bad_fraction >= 0.0 && options.max_bad_fraction <= 1.0,
           "max_bad_fraction must be in [0, 1]");
+  require(options.spot_sigma_px >= 0.0 && options.spot_sigma_px <= kMaxMethodWindow,
+          "spot_sigma_px must be in [0, " + std::to_string(kMaxMethodWindow) + "]");
+  require(options.reference_pull >= 0.0, "reference_pull must be 0 or more");
+  require(options.brightest_pixels >= 0 && options.brightest_pixels <= kMaxBrightestPixels,
+          "brightest_pixels must be in [0, " + std::to_string(kMaxBrightestPixels) + "]");
+}
+
+/// Window gains are one method's, and the two centres of gravity differ by no more than their
+/// thresholds, which may be changed too.
+void check_method(const Sensor& sensor, CentroidMethod method) {
+  if (method == sensor.method ||
+      (is_centre_of_gravity(method) && is_centre_of_gravity(sensor.method))) {
+    return;
+  }
+  const auto quoted = [](CentroidMethod m) { return "'" + std::string(name_of(m)) + "'"; };
+  throw Failure("the sensor was calibrated for the centroid method " + quoted(sensor.method) +
+                " and the configuration asks for " + quoted(method) +
+                "; calibrate with this configuration (--config)");
+}
+
+/// CentroidOptions::spot_sigma_px where it is 0.
+double default_spot_sigma_px(const Sensor& sensor) {
+  constexpr double kSigma = 0.42;  // λ/w
+  constexpr double kOfWindow = 1.0 / 6.0;
+  const double slope_rad_per_px = std::abs(sensor.optics.slope_rad_per_px());
+  if (slope_rad_per_px > 0.0 && std::isfinite(slope_rad_per_px))
+    return kSigma * 2.0 * std::numbers::pi / slope_rad_per_px;
+  int side = 0;
+  for (const Window& window : sensor.window) side = std::max({side, window.w, window.h});
+  return kOfWindow * side;
 }
 
 double or_zero(double value) { return std::isfinite(value) ? value : 0.0; }
@@ -112,16 +144,19 @@ CentroidPlan::CentroidPlan(const Sensor& sensor, const FrameFormat& format,
   check_map(sensor.dark_adu, sensor, "dark");
   check_map(sensor.flat, sensor, "flat");
   check_map(sensor.bad_pixel, sensor, "bad-pixel");
+  check_method(sensor, options.method);
 
   const double e_per_count = or_zero(sensor.detector.e_per_adu) * format.scale_adu;
   const double read_noise =
       e_per_count > 0.0 ? or_zero(sensor.detector.read_noise_e) / e_per_count : 0.0;
-  const double fixed =
-      std::max(options.threshold_adu / format.scale_adu, options.threshold_noise * read_noise);
+  const bool plain = options.method == CentroidMethod::kPlain;
+  const double fixed = plain ? 0.0
+                             : std::max(options.threshold_adu / format.scale_adu,
+                                        options.threshold_noise * read_noise);
   const auto counts = [&](double adu) { return (adu - format.zero_adu) / format.scale_adu; };
 
   threshold = static_cast<float>(fixed);
-  relative_threshold = static_cast<float>(options.threshold_relative);
+  relative_threshold = plain ? 0.0F : static_cast<float>(options.threshold_relative);
   uniform_offset = static_cast<float>(counts(sensor.background_adu) + fixed);
   saturation = std::isfinite(sensor.detector.saturation_adu)
                    ? static_cast<float>(counts(sensor.detector.saturation_adu))
@@ -132,6 +167,7 @@ CentroidPlan::CentroidPlan(const Sensor& sensor, const FrameFormat& format,
   pixel_variance =
       e_per_count > 0.0 ? static_cast<float>(read_noise * read_noise + 1.0 / 12.0) : 0.0F;
   min_snr_squared = static_cast<float>(options.min_snr * options.min_snr);
+  method = options.method;
 
   const bool maps = !sensor.dark_adu.empty() || !sensor.flat.empty() || !sensor.bad_pixel.empty();
   std::size_t map_size = kMapMargin;
@@ -178,6 +214,36 @@ CentroidPlan::CentroidPlan(const Sensor& sensor, const FrameFormat& format,
           offset[to] = static_cast<float>(bad ? fixed : counts(dark) / response + fixed);
         }
       }
+    }
+  }
+  if (!is_centre_of_gravity(method)) {
+    constexpr double kLeastSigmaPx = 0.3;  // a narrower Gaussian falls between the pixels
+    spot_sigma_px = static_cast<float>(std::max(
+        options.spot_sigma_px > 0.0 ? options.spot_sigma_px : default_spot_sigma_px(sensor),
+        kLeastSigmaPx));
+    reference_pull = static_cast<float>(options.reference_pull * read_noise);
+    int most_pixels = 0;
+    for (const Spot& spot : spots) most_pixels = std::max(most_pixels, spot.w * spot.h);
+    brightest_pixels = options.brightest_pixels > 0
+                           ? options.brightest_pixels
+                           : std::clamp(most_pixels / 4, 1, kMaxBrightestPixels);
+    reference_x.resize(spots.size());
+    reference_y.resize(spots.size());
+    for (std::size_t k = 0; k < spots.size(); ++k) {
+      const Spot& spot = spots[k];
+      if (std::max(spot.w, spot.h) > kMaxMethodWindow) {
+        throw UsageError("the centroid method '" + std::string(name_of(method)) +
+                         "' takes windows of up to " + times(kMaxMethodWindow, kMaxMethodWindow) +
+                         " px and the sensor has one of " + times(spot.h, spot.w) +
+                         "; use 'thresholded'");
+      }
+      const auto relative = [](float reference, int start, int length) {
+        const float from_centre =
+            reference - (static_cast<float>(start) + 0.5F * static_cast<float>(length - 1));
+        return std::isfinite(from_centre) ? from_centre : 0.0F;
+      };
+      reference_x[k] = relative(sensor.ref_x_px[k], spot.x0, spot.w);
+      reference_y[k] = relative(sensor.ref_y_px[k], spot.y0, spot.h);
     }
   }
   // Lenslet rows that run up the detector are met in descending order: make "needed" ascend.

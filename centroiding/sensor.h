@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "centroiding/centroid_method.h"
 #include "core/image.h"
 #include "core/lenslet_grid.h"
 #include "core/optics.h"
@@ -37,9 +38,11 @@ struct Sensor {
   Image<std::uint8_t> valid;  ///< 1 where a lenslet is lit
   Image<float> ref_x_px;      ///< reference spots; NaN where not valid
   Image<float> ref_y_px;
-  Image<Window> window;   ///< {0,0,0,0} where not valid
-  Image<float> gain_x;    ///< measured over true displacement, 1 where nothing is cut off
-  Image<float> gain_y;    ///< NaN where not valid
+  Image<Window> window;  ///< {0,0,0,0} where not valid
+  Image<float> gain_x;   ///< measured over true displacement, 1 where nothing is cut off
+  Image<float> gain_y;   ///< NaN where not valid
+  CentroidMethod method = CentroidMethod::kThresholded;  ///< that the gains are of
+  double spot_blur_px = std::numeric_limits<double>::quiet_NaN();  ///< σ; NaN: not known
   Image<float> flux_adu;  ///< reference spots' flux above threshold; NaN where not valid
 
   // [frame_rows, frame_cols], empty where not given

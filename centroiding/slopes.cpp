@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -72,35 +73,73 @@ SlopePlan::SlopePlan(const Sensor& sensor)
     inverse_gain_x[k] = 1.0F / sensor.gain_x[k];
     inverse_gain_y[k] = 1.0F / sensor.gain_y[k];
   }
+  window_variance = Image<float>(sensor.valid.rows(), sensor.valid.cols());
+  const double rad_per_px = sensor.optics.slope_rad_per_px();
+  for (std::size_t k = 0; k < window_variance.size(); ++k) {
+    const double side_rad = rad_per_px * std::max(sensor.window[k].w, sensor.window[k].h);
+    window_variance[k] = static_cast<float>(side_rad * side_rad / 12.0);
+  }
   gain_error_x = gain_error(sensor.gain_x, sensor.valid);
   gain_error_y = gain_error(sensor.gain_y, sensor.valid);
 }
 
-void measure_slopes(const SlopePlan& plan, const Centroids& centroids,
-                    SlopeField& slopes) noexcept {
+namespace {
+
+enum class Spot : std::uint8_t { kMissing, kDark, kWeak, kMeasured };
+
+/// A weak spot's place is known to a pixel at best: the variance its few photons give for
+/// themselves is 0 where they all fell on one.
+constexpr float kPixelVariance_px2 = 1.0F / 12.0F;
+
+/// spot_of(k): what is known of lenslet k.
+template <typename SpotOf>
+void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slopes,
+             SpotOf spot_of) noexcept {
   // Locals, because a store through a float pointer might otherwise change the plan's floats.
   const float m11 = plan.m11, m12 = plan.m12, m21 = plan.m21, m22 = plan.m22;
   int n_valid = 0;
   for (std::size_t k = 0; k < plan.ref_x_px.size(); ++k) {
-    const bool valid = centroids.state[k] == LensletState::kValid;
-    const float gx = valid ? plan.inverse_gain_x[k] : 0.0F;
-    const float gy = valid ? plan.inverse_gain_y[k] : 0.0F;
+    const Spot spot = spot_of(k);
+    const bool measured = spot == Spot::kMeasured || spot == Spot::kWeak;
+    const float least = spot == Spot::kWeak ? kPixelVariance_px2 : 0.0F;
+    const float gx = measured ? plan.inverse_gain_x[k] : 0.0F;
+    const float gy = measured ? plan.inverse_gain_y[k] : 0.0F;
     const float dx = (centroids.x_px[k] - plan.ref_x_px[k]) * gx;
     const float dy = (centroids.y_px[k] - plan.ref_y_px[k]) * gy;
     const float ex = plan.gain_error_x[k] * dx;
     const float ey = plan.gain_error_y[k] * dy;
-    const float vx = centroids.variance_x_px2[k] * gx * gx + ex * ex;
-    const float vy = centroids.variance_y_px2[k] * gy * gy + ey * ey;
+    const float vx = std::max(centroids.variance_x_px2[k], least) * gx * gx + ex * ex;
+    const float vy = std::max(centroids.variance_y_px2[k], least) * gy * gy + ey * ey;
     const float c = centroids.covariance_xy_px2[k] * gx * gy;
+    const float dark = spot == Spot::kDark ? plan.window_variance[k] : 0.0F;
     slopes.x[k] = m11 * dx + m12 * dy;
     slopes.y[k] = m21 * dx + m22 * dy;
-    slopes.variance_x[k] = m11 * m11 * vx + 2.0F * m11 * m12 * c + m12 * m12 * vy;
-    slopes.variance_y[k] = m21 * m21 * vx + 2.0F * m21 * m22 * c + m22 * m22 * vy;
+    slopes.variance_x[k] = m11 * m11 * vx + 2.0F * m11 * m12 * c + m12 * m12 * vy + dark;
+    slopes.variance_y[k] = m21 * m21 * vx + 2.0F * m21 * m22 * c + m22 * m22 * vy + dark;
     slopes.covariance_xy[k] = m11 * m21 * vx + (m11 * m22 + m12 * m21) * c + m12 * m22 * vy;
-    slopes.valid[k] = valid ? 1 : 0;
-    n_valid += valid ? 1 : 0;
+    slopes.valid[k] = spot == Spot::kMissing ? 0 : 1;
+    n_valid += spot == Spot::kMissing ? 0 : 1;
   }
   slopes.n_valid = n_valid;
+}
+
+}  // namespace
+
+void measure_slopes(const SlopePlan& plan, const Centroids& centroids,
+                    SlopeField& slopes) noexcept {
+  measure(plan, centroids, slopes, [&](std::size_t k) {
+    return centroids.state[k] == LensletState::kValid ? Spot::kMeasured : Spot::kMissing;
+  });
+}
+
+void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
+                         SlopeField& slopes) noexcept {
+  measure(plan, centroids, slopes, [&](std::size_t k) {
+    const LensletState state = centroids.state[k];
+    if (state == LensletState::kValid) return Spot::kMeasured;
+    if (state != LensletState::kFaint && state != LensletState::kAtEdge) return Spot::kMissing;
+    return centroids.flux_adu[k] > 0.0F ? Spot::kWeak : Spot::kDark;
+  });
 }
 
 }  // namespace curlew

@@ -23,6 +23,7 @@ struct SlopePlan {
   /// (error·d)² to the variance.
   Image<float> gain_error_x;
   Image<float> gain_error_y;
+  Image<float> window_variance;  ///< of a spot that may be anywhere in its window, rad²
 
   // slope = M·(dx/gain_x, dy/gain_y), rad per pitch per px: pitch_px·P⁻¹ turns pixels into pixels
   // along the lenslet axes, 2π·w·p/(λ·f·m) those into radians (DESIGN.md, Conventions).
@@ -37,5 +38,13 @@ struct SlopePlan {
 /// A lenslet whose centroid is not valid is missing: valid 0 and zeros. A spot exactly on its
 /// reference has a slope of exactly 0.
 void measure_slopes(const SlopePlan& plan, const Centroids& centroids, SlopeField& slopes) noexcept;
+
+/// The same, but weak spots count, with the noise they have: vortices sit in the dark, and a slope
+/// known badly is better than none where noise is accounted for. A faint spot, or one at the edge
+/// of its window, has its slope; where a lit lenslet shows nothing above the threshold the slope is
+/// 0 with window_variance. Missing are only lenslets that are saturated or have bad pixels, or that
+/// the sensor does not have.
+void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
+                         SlopeField& slopes) noexcept;
 
 }  // namespace curlew

@@ -1,6 +1,7 @@
 #include "centroiding/window_gain.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <numbers>
@@ -49,6 +50,63 @@ double fit_blur(const Sensor& sensor, const std::vector<WindowMeasurement>& meas
     (is_too_narrow(middle) ? low : high) = middle;
   }
   return 0.5 * (low + high);
+}
+
+/// The gain of the kernel on the modelled spot: without noise, with the spot moved to four sides,
+/// one window beside the other.
+WindowGain gain_of_kernel(const Sensor& sensor, CentroidOptions options, const SpotModel& model,
+                          const SpotView& view) {
+  constexpr double kShiftPx = 0.25;
+  constexpr double kPeakCounts = 60000.0;
+  constexpr int kMoves = 4;
+  constexpr std::array<std::array<double, 2>, kMoves> kShifts = {
+      {{kShiftPx, 0.0}, {-kShiftPx, 0.0}, {0.0, kShiftPx}, {0.0, -kShiftPx}}};
+  const Window& window = view.window;
+  Sensor row;
+  row.optics = sensor.optics;
+  row.detector = sensor.detector;
+  row.detector.saturation_adu = kUnknown;
+  row.frame_rows = window.h;
+  row.frame_cols = std::max(kMoves * window.w, 4);
+  row.method = options.method;
+  row.valid = Image<std::uint8_t>(1, kMoves, 1);
+  row.window = Image<Window>(1, kMoves);
+  row.ref_x_px = row.ref_y_px = Image<float>(1, kMoves);
+  Image<float> light(row.frame_rows, row.frame_cols);
+  for (int i = 0; i < kMoves; ++i) {
+    row.window(0, i) = {i * window.w, 0, window.w, window.h};
+    row.ref_x_px(0, i) = static_cast<float>(i * window.w + view.x_px - window.x0);
+    row.ref_y_px(0, i) = static_cast<float>(view.y_px - window.y0);
+    const auto& shift = kShifts[static_cast<std::size_t>(i)];
+    SpotView moved = view;
+    moved.x_px += shift[0];
+    moved.y_px += shift[1];
+    const Image<float> picture = model.picture(moved);
+    for (int r = 0; r < window.h; ++r) {
+      for (int c = 0; c < window.w; ++c) light(r, i * window.w + c) = picture(r, c);
+    }
+  }
+  const auto peak = static_cast<double>(*std::max_element(light.begin(), light.end()));
+  FrameFormat format;
+  format.rows = row.frame_rows;
+  format.cols = row.frame_cols;
+  format.scale_adu = peak > 0.0 ? peak / kPeakCounts : 1.0;
+  Image<std::uint16_t> counts(format.rows, format.cols);
+  for (std::size_t i = 0; i < counts.size(); ++i) {
+    counts[i] = static_cast<std::uint16_t>(
+        std::lround(std::max(static_cast<double>(light[i]) / format.scale_adu, 0.0)));
+  }
+  options.min_snr = 0.0;
+  options.edge_fraction = 0.0;
+  Centroids centroids(1, kMoves);
+  find_centroids(CentroidPlan(row, format, options),
+                 {reinterpret_cast<const std::byte*>(counts.data()), format.rows, format.cols,
+                  PixelType::kU16},
+                 centroids);
+  if (centroids.n_valid < kMoves) return {};
+  const auto apart = [](float a, float b) { return static_cast<double>(a - b); };
+  return {(apart(centroids.x_px[0], centroids.x_px[1]) + window.w) / (2.0 * kShiftPx),
+          apart(centroids.y_px[2], centroids.y_px[3]) / (2.0 * kShiftPx)};
 }
 
 }  // namespace
@@ -100,11 +158,11 @@ WindowMeasurement measure_window(const Image<float>& light, const Image<std::uin
   return m;
 }
 
-std::vector<WindowGain> find_window_gains(const Sensor& sensor,
-                                          const std::vector<WindowMeasurement>& measured,
-                                          const SignalThreshold& threshold) {
+WindowGains find_window_gains(const Sensor& sensor, const std::vector<WindowMeasurement>& measured,
+                              const SignalThreshold& threshold, const CentroidOptions& options) {
   const double diffraction_px = 2.0 * std::numbers::pi / sensor.optics.slope_rad_per_px();
-  const SpotModel model(diffraction_px, fit_blur(sensor, measured, diffraction_px, threshold));
+  const double blur_px = fit_blur(sensor, measured, diffraction_px, threshold);
+  const SpotModel model(diffraction_px, blur_px);
   const double adu_per_e = 1.0 / sensor.detector.e_per_adu;
   const double noise_adu =
       std::hypot(sensor.detector.read_noise_e * adu_per_e, std::sqrt(1.0 / 12.0));  // rounding
@@ -118,12 +176,16 @@ std::vector<WindowGain> find_window_gains(const Sensor& sensor,
         measure_window(model.picture(view), {}, {0, 0, window.w, window.h}, threshold, 0.0).gain;
     view.noise_adu = noise_adu;
     view.adu_per_e = adu_per_e;
+    if (!is_centre_of_gravity(options.method)) {
+      gains[k] = gain_of_kernel(sensor, options, model, view);
+      continue;
+    }
     gains[k] = model.window_gain(view);
     if (!measured[k].gain_is_sure) continue;
     gains[k].x *= measured[k].gain.x / std::max(measured_on_model.x, kLeastOnModel);
     gains[k].y *= measured[k].gain.y / std::max(measured_on_model.y, kLeastOnModel);
   }
-  return gains;
+  return {std::move(gains), blur_px};
 }
 
 }  // namespace curlew

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "centroiding/centroid.h"
 #include "centroiding/sensor.h"
 #include "centroiding/spot_model.h"
 #include "core/image.h"
@@ -37,17 +38,25 @@ WindowMeasurement measure_window(const Image<float>& light, const Image<std::uin
                                  const Window& window, const SignalThreshold& threshold,
                                  double noise_adu);
 
-/// Gains of all valid lenslets ([rows·cols], 1 elsewhere): the measured ones times what they are
+struct WindowGains {
+  std::vector<WindowGain> gains;  ///< [rows·cols], 1 where a lenslet is not valid
+  double spot_blur_px = 0.0;      ///< σ of what widens the typical spot beyond diffraction
+};
+
+/// Gains of all valid lenslets: the measured ones times what they are
 /// wrong by on the modelled spot. At 2 pixels per λ/w the edge pixel reaches from one fringe of the
 /// spot into the next and the measured gain is out by up to 15 %; on the model, which has the
 /// lenslet's window, position and flux, both the measured and the true gain can be had. Where
 /// pixels are fine or the spot is blurred the two agree and the measured gain holds, with all that
 /// tells one lenslet from another. An unsure one is the model's alone.
 ///
+/// Methods other than the centres of gravity have the gain that the kernel itself shows on the
+/// modelled spot, moved by ±0.25 px; nothing is measured. That
+/// of the brightest pixels is not linear (15 % about that gain with 6 px of 2 per λ/w).
+///
 /// The model's blur gives it the spread of the typical spot, the one of median spread. Flux, and
 /// the noise at the threshold, are those of one frame of the reference.
-std::vector<WindowGain> find_window_gains(const Sensor& sensor,
-                                          const std::vector<WindowMeasurement>& measured,
-                                          const SignalThreshold& threshold);
+WindowGains find_window_gains(const Sensor& sensor, const std::vector<WindowMeasurement>& measured,
+                              const SignalThreshold& threshold, const CentroidOptions& options);
 
 }  // namespace curlew

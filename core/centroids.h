@@ -17,8 +17,9 @@ enum class LensletState : std::uint8_t {
   kBadPixels,  ///< too much of the window is bad
 };
 
-/// All maps are [rows, cols] of lenslets. Where state is not kValid the other values are 0
-/// (flux keeps what was measured) and mean nothing.
+/// All maps are [rows, cols] of lenslets. Where state is kFaint or kAtEdge the other values are as
+/// measured, for who can do with weak spots, or 0 where no light exceeds the threshold. Where it is
+/// anything else but kValid they are 0 and mean nothing (flux keeps what was measured).
 struct Centroids {
   Centroids(int rows, int cols)
       : x_px(rows, cols),

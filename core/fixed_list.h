@@ -26,6 +26,8 @@ class FixedList {
     for (const T& item : other) push(item);
     overflow_ += other.overflow_;
   }
+  /// Counts items that did not fit where these come from.
+  void add_overflow(int items) noexcept { overflow_ += items; }
   void clear() noexcept {
     size_ = 0;
     overflow_ = 0;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/image.h"
+#include "detect/scout_features.h"
 #include "detect/spot_features.h"
 
 namespace curlew {
@@ -35,21 +36,28 @@ struct NodeOutput {
   float log_c;
 };
 inline constexpr int kNodeOutputs = sizeof(NodeOutput) / sizeof(float);
-/// log_a and log_c are clamped to these.
+
+/// What the network says of a node and an opposite pair that no sensor could tell apart.
+struct PairOutput {
+  float logit;  ///< of the probability that the middle of such a pair lies within .75 pitches
+  float dx;     ///< where the middle is, from the node, pitches
+  float dy;
+  float log_scale;  ///< the middle's standard deviation along an axis is exp(−log_scale)
+};
+inline constexpr int kPairOutputs = sizeof(PairOutput) / sizeof(float);
+inline constexpr int kFirstPairOutput = 2 * kNodeOutputs;  ///< after both signs
+/// log_a, log_c and log_scale are clamped to these.
 inline constexpr float kLeastLogScale = -1.0F;
 inline constexpr float kMostLogScale = 4.0F;
 
-/// What the scout gets of a node; see describe_node in vortex_classifier.cpp.
-inline constexpr int kScoutFeatures = 19;
-
 /// Layers of the encoder, kSpotFeatures to kCode numbers; of the head, kPatchLenslets·kCode to two
-/// NodeOutput (charge +1, then −1) and padding; of the scout, which says from centroids and
+/// NodeOutput (charge +1, then −1) and a PairOutput; of the scout, which says from centroids and
 /// circulation alone whether a node deserves the others: kScoutFeatures to a logit and padding.
 struct ClassifierNetwork {
   static constexpr int kEncoderEnd = 2;
   static constexpr int kHeadEnd = 5;
   static constexpr int kLayers = 7;
-  static constexpr std::array<int, kLayers> kOutputs{32, 16, 64, 32, 16, 16, 16};
+  static constexpr std::array<int, kLayers> kOutputs{32, 16, 64, 32, 16, 8, 8};
   static constexpr int kCode = kOutputs[kEncoderEnd - 1];
   static constexpr int kWidest = kPatchLenslets * kCode;
 

@@ -14,11 +14,16 @@ double gaussian_density(double z) {
   return std::exp(-0.5 * z * z) / std::sqrt(2.0 * std::numbers::pi);
 }
 
-/// Probability that no neighbour exceeds x, given that the cell itself is x. Given x, a diagonal
-/// neighbour has mean −x/4 and variance 15/16.
+/// Probability that a neighbour that correlates ρ exceeds x, given that the cell itself is x. Given
+/// x, it has mean ρx and variance 1 − ρ².
+double neighbour_above(double x, double correlation) {
+  return gaussian_tail((1.0 - correlation) * x / std::sqrt(1.0 - correlation * correlation));
+}
+
+/// Probability that no neighbour exceeds x, given that the cell itself is x.
 double no_neighbour_above(double x, CellNeighbours neighbours) {
-  const double orthogonal = std::log1p(-gaussian_tail(x));
-  const double diagonal = std::log1p(-gaussian_tail(1.25 * x / std::sqrt(15.0 / 16.0)));
+  const double orthogonal = std::log1p(-neighbour_above(x, neighbours.orthogonal_correlation));
+  const double diagonal = std::log1p(-neighbour_above(x, neighbours.diagonal_correlation));
   return std::exp(neighbours.orthogonal * orthogonal + neighbours.diagonal * diagonal);
 }
 

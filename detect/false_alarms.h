@@ -3,10 +3,13 @@
 
 namespace curlew {
 
-/// How many neighbours a cell has on average: 4 and 4 inside a pupil, fewer on its rim.
+/// How many neighbours a cell has on average: 4 and 4 inside a pupil, fewer on its rim. And how
+/// what is tested at a cell, D unless said, correlates with theirs in white slope noise.
 struct CellNeighbours {
   double orthogonal = 4.0;
   double diagonal = 4.0;
+  double orthogonal_correlation = 0.0;
+  double diagonal_correlation = -0.25;
 };
 
 /// Q(z), the probability that a standard normal variable exceeds z.
@@ -16,8 +19,7 @@ double gaussian_tail(double z);
 double gaussian_tail_inverse(double p);
 
 /// Probability that a cell's D exceeds z·σ_D and every one of its neighbours' D, in white slope
-/// noise. There D of diagonal neighbours correlates −¼ and of orthogonal ones 0 (PHYSICS.md); the
-/// neighbours are taken as independent of each other once the cell's D is given.
+/// noise. The neighbours are taken as independent of each other once the cell's D is given.
 double peak_probability(double z, CellNeighbours neighbours);
 
 /// The threshold z, in units of σ_D, at which white noise makes `rate` local extrema of either sign

@@ -96,6 +96,7 @@ void multiply_all(StridedMatrix a, const float* b, const float* bias, int rows, 
                   int columns, bool rectify, float* c) {
   const hn::CappedTag<float, 16> wide;
   const hn::CappedTag<float, 8> half;
+  const hn::CappedTag<float, 4> quarter;
   int column = 0;
   const auto part = [&](auto d) HWY_ATTR {
     const int width = 2 * static_cast<int>(hn::Lanes(d));
@@ -106,6 +107,7 @@ void multiply_all(StridedMatrix a, const float* b, const float* bias, int rows, 
   };
   part(wide);
   part(half);
+  part(quarter);
 }
 
 }  // namespace

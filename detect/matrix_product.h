@@ -6,7 +6,7 @@
 namespace curlew {
 
 /// Columns of a product come in multiples of this.
-inline constexpr int kProductColumns = 16;
+inline constexpr int kProductColumns = 8;
 
 /// Element (row, column) lies at data[row·row_step + column·column_step].
 struct StridedMatrix {

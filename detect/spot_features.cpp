@@ -40,6 +40,19 @@ int spot_mode_index(SpotMode mode) {
   return order * (order + 1) / 2 + mode.m;
 }
 
+namespace {
+
+/// Where project_window puts the modes.
+constexpr std::array<std::size_t, kSpotModes> kPlaces = [] {
+  std::array<std::size_t, kSpotModes> places{};
+  std::size_t i = 0;
+  for (std::size_t order = 0; order < kProjectionOrders; ++order)
+    for (std::size_t m = 0; m <= order; ++m) places[i++] = (order - m) * kProjectionLanes + m;
+  return places;
+}();
+
+}  // namespace
+
 SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
     : spots_(camera.windows.rows(), camera.windows.cols()),
       pixel_type_(format.pixel_type),
@@ -78,6 +91,8 @@ SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
       table_[static_cast<std::size_t>(step + reach_steps) * kProjectionLanes +
              static_cast<std::size_t>(order)] = static_cast<float>(hermite_function(order, x));
     }
+    table_[static_cast<std::size_t>(step + reach_steps) * kProjectionLanes + kProjectionOnes] =
+        1.0F;
   }
   for (std::size_t k = 0; k < spots_.size(); ++k) {
     const SpotWindow& window = camera.windows[k];
@@ -105,8 +120,14 @@ SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
 
 void SpotFeatures::measure(FrameView frame, std::size_t k, float flux_adu, float mean_flux_adu,
                            float* features) const noexcept {
+  SpotProjection projection;
+  project(frame, k, projection);
+  describe(k, projection, flux_adu, mean_flux_adu, features);
+}
+
+void SpotFeatures::project(FrameView frame, std::size_t k,
+                           SpotProjection& projection) const noexcept {
   const Spot& spot = spots_[k];
-  std::array<float, std::size_t{kProjectionOrders} * kProjectionLanes> sums;
   const ProjectedWindow window{
       .pixels = frame.pixels,
       .pixel_type = pixel_type_,
@@ -120,17 +141,23 @@ void SpotFeatures::measure(FrameView frame, std::size_t k, float flux_adu, float
       .offset = background_counts_,
       .offsets = dark_counts_.empty() ? nullptr : dark_counts_.data(),
       .gains = gain_.empty() ? nullptr : gain_.data()};
-  const float total = e_per_count_ * project_window(window, sums.data());
+  projection.total = project_window(window, projection.sums.data());
+}
+
+void SpotFeatures::describe(std::size_t k, SpotProjection& projection, float flux_adu,
+                            float mean_flux_adu, float* features) const noexcept {
+  const Spot& spot = spots_[k];
+  auto& sums = projection.sums;
+  const float total = e_per_count_ * projection.total;
   // Kept off 0 by the read noise alone: the shape of a spot without noise is known however dark.
   const float flux = std::max(total, 0.0F) + spot.read_noise + 1e-6F;
   const float inverse = 1.0F / flux;
-  for (std::size_t order = 0; order < kProjectionOrders; ++order) {
-    for (std::size_t m = 0; m <= order; ++m) {
-      const std::size_t n = order - m;
-      const float sign = n % 2 == 1 ? row_sign_ : 1.0F;
-      *features++ = sign * e_per_count_ * inverse * sums[n * kProjectionLanes + m];
-    }
+  for (std::size_t n = 0; n < kProjectionOrders; ++n) {
+    const float scale = (n % 2 == 1 ? row_sign_ : 1.0F) * e_per_count_ * inverse;
+    for (std::size_t m = 0; m < kProjectionLanes; ++m) sums[n * kProjectionLanes + m] *= scale;
   }
+  for (std::size_t i = 0; i < kSpotModes; ++i) features[i] = sums[kPlaces[i]];
+  features += kSpotModes;
   const float mean = std::max(mean_flux_adu * e_per_adu_, 1e-6F);
   const float floor = spot.read_noise + static_cast<float>(kDark) * mean;
   features[0] = std::log((std::max(flux_adu, 0.0F) * e_per_adu_ + floor) / mean);

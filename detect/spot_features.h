@@ -1,6 +1,7 @@
 // What a spot's picture tells a classifier: its modes, its brightness, its noise.
 #pragma once
 
+#include <array>
 #include <cstddef>
 
 #include "core/frame.h"
@@ -47,6 +48,12 @@ struct SpotMode {
 SpotMode spot_mode(int index);
 int spot_mode_index(SpotMode mode);
 
+/// What project_window makes of a window.
+struct SpotProjection {
+  std::array<float, std::size_t{kProjectionOrders} * kProjectionLanes> sums;
+  float total;
+};
+
 /// Const after construction, shared by threads. Pixels farther than 1.75 λ/w from the reference
 /// along an axis are left out, so that windows of any size come to the same.
 class SpotFeatures {
@@ -58,6 +65,11 @@ class SpotFeatures {
   int cols() const { return spots_.cols(); }
   std::size_t lenslet_count() const { return spots_.size(); }  ///< missing ones too
   bool has_lenslet(std::size_t k) const { return spots_[k].w > 0; }
+
+  /// The work in two, so that many lenslets can be projected in a row before any is described.
+  void project(FrameView frame, std::size_t k, SpotProjection& projection) const noexcept;
+  void describe(std::size_t k, SpotProjection& projection, float flux_adu, float mean_flux_adu,
+                float* features) const noexcept;
 
   /// Fills `features` [kSpotFeatures] of lenslet k. flux and mean_flux: as centroids have them, of
   /// this lenslet and on average, in ADU.

@@ -1,6 +1,7 @@
 // Compiled once for every instruction set and chosen at run time (Highway).
 #include "detect/spot_projection.h"
 
+#include <array>
 #include <cstdint>
 
 #undef HWY_TARGET_INCLUDE
@@ -23,10 +24,10 @@ float project(D d, const ProjectedWindow& window, float* HWY_RESTRICT sums) {
   using V = hn::Vec<D>;
   const auto lanes = static_cast<std::ptrdiff_t>(hn::Lanes(d));
   const auto* pixels = reinterpret_cast<const Pixel*>(window.pixels) + window.first;
-  float total = 0.0F;
+  std::array<float, kProjectionLanes> totals{};
   for (std::ptrdiff_t part = 0; part < kProjectionLanes; part += lanes) {
     V sum0 = hn::Zero(d), sum1 = sum0, sum2 = sum0, sum3 = sum0, sum4 = sum0, sum5 = sum0;
-    total = 0.0F;
+    V total = sum0;
     for (int row = 0; row < window.h; ++row) {
       const std::ptrdiff_t start = row * window.frame_cols;
       const float* function = window.along_x + part;
@@ -39,9 +40,9 @@ float project(D d, const ProjectedWindow& window, float* HWY_RESTRICT sums) {
           const std::ptrdiff_t i = window.first + start + col;
           signal = (signal - window.offsets[i]) * window.gains[i];
         }
-        total += signal;
         along_x = hn::MulAdd(hn::Set(d, signal), hn::LoadU(d, function), along_x);
       }
+      total = hn::Add(total, along_x);
       const float* order = window.along_y + row * window.table_step;
       sum0 = hn::MulAdd(hn::Set(d, order[0]), along_x, sum0);
       sum1 = hn::MulAdd(hn::Set(d, order[1]), along_x, sum1);
@@ -50,6 +51,7 @@ float project(D d, const ProjectedWindow& window, float* HWY_RESTRICT sums) {
       sum4 = hn::MulAdd(hn::Set(d, order[4]), along_x, sum4);
       sum5 = hn::MulAdd(hn::Set(d, order[5]), along_x, sum5);
     }
+    hn::StoreU(total, d, totals.data() + part);
     hn::StoreU(sum0, d, sums + part);
     hn::StoreU(sum1, d, sums + kProjectionLanes + part);
     hn::StoreU(sum2, d, sums + std::ptrdiff_t{2} * kProjectionLanes + part);
@@ -57,7 +59,7 @@ float project(D d, const ProjectedWindow& window, float* HWY_RESTRICT sums) {
     hn::StoreU(sum4, d, sums + std::ptrdiff_t{4} * kProjectionLanes + part);
     hn::StoreU(sum5, d, sums + std::ptrdiff_t{5} * kProjectionLanes + part);
   }
-  return total;
+  return totals[kProjectionOnes];
 }
 
 float project_any(const ProjectedWindow& window, float* sums) {

@@ -8,7 +8,8 @@
 namespace curlew {
 
 inline constexpr int kProjectionOrders = 6;
-inline constexpr int kProjectionLanes = 8;  ///< of a row of the tables: orders, then zeros
+inline constexpr int kProjectionLanes = 8;                 ///< of a row of the tables: orders, 1, 0
+inline constexpr int kProjectionOnes = kProjectionOrders;  ///< the lane that is 1
 
 /// One window; pixel (row, col) is pixels[row·frame_cols + col] of the frame's type.
 struct ProjectedWindow {

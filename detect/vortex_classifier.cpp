@@ -4,6 +4,7 @@
 #include <array>
 #include <cassert>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <string>
 #include <utility>
@@ -17,15 +18,14 @@ namespace {
 
 constexpr int kCode = ClassifierNetwork::kCode;
 constexpr std::size_t kAnswer = ClassifierNetwork::kOutputs[ClassifierNetwork::kHeadEnd - 1];
-constexpr float kLeastProbability = 0.02F;  // seen from one node: below this it is nothing
-constexpr float kSameVortex = 0.8F;         // pitches: vortices of one sign nearer are one
-constexpr float kAgree = 0.8F;              // pitches: nodes that see it here have a say in where
-constexpr float kLeastInterest = -4.0F;     // see glance()
-constexpr double kEveryNode = -1e29;
-constexpr float kBrightest = 16.0F;       // times the mean flux: more is all the same
-constexpr float kWidestSpread = 2.0F;     // (λ/w)², likewise
-constexpr float kMostCirculation = 4.0F;  // rad, likewise
-constexpr int kNear = 2;                  // nodes along an axis, between views of one vortex
+static_assert(kFirstPairOutput + kPairOutputs == kAnswer);
+constexpr float kLeastLogit = -4.0F;    // seen from one node: below this it is nothing
+constexpr float kBelievedPair = 0.5F;   // less likely pairs are not reported
+constexpr float kSameVortex = 0.8F;     // pitches: vortices of one sign nearer are one
+constexpr float kPairOrVortex = 0.75F;  // pitches: a vortex and a pair nearer are one or the other
+constexpr float kAgree = 0.8F;          // pitches: nodes that see it here have a say in where
+constexpr int kNear = 2;                // nodes along an axis, between views of one vortex
+constexpr int kWord = 8;                // bytes of `wanted` that are looked at together
 
 const ClassifierOptions& checked(const ClassifierOptions& options, const SpotCamera& camera) {
   if (!(options.min_probability > 0.0 && options.min_probability < 1.0)) {
@@ -53,183 +53,127 @@ const float* apply_layers(const ClassifierNetwork& network, int first, int last,
   return in;
 }
 
-bool is_missing(LensletState state) noexcept {
-  return (state == LensletState::kUnlit) | (state == LensletState::kSaturated) |
-         (state == LensletState::kBadPixels);
-}
-
-float mean_flux(const Centroids& centroids) noexcept {
-  constexpr std::size_t kLanes = 8;  // side by side, so that the compiler makes vectors of them
-  std::array<float, kLanes> sums{};
-  std::array<float, kLanes> counts{};
-  const std::size_t n = centroids.state.size();
-  const auto add = [&](std::size_t k, std::size_t lane) {
-    const float counted = is_missing(centroids.state[k]) ? 0.0F : 1.0F;
-    sums[lane] += counted * centroids.flux_adu[k];
-    counts[lane] += counted;
-  };
-  std::size_t k = 0;
-  for (; k + kLanes <= n; k += kLanes)
-    for (std::size_t lane = 0; lane < kLanes; ++lane) add(k + lane, lane);
-  for (; k < n; ++k) add(k, 0);
-  float sum = 0.0F;
-  float count = 0.0F;
-  for (std::size_t lane = 0; lane < kLanes; ++lane) {
-    sum += sums[lane];
-    count += counts[lane];
-  }
-  return count > 0.0F ? sum / count : 0.0F;
-}
-
-/// Fills the workspace's maps of brightness and spread.
-void describe_lenslets(const ClassifierPlan& plan, const Centroids& centroids, float mean,
-                       ClassifierWorkspace& workspace) noexcept {
-  const float per_flux = 1.0F / std::max(mean, 1e-30F);
-  const float per_square = 1.0F / (plan.pixels_per_lambda_w() * plan.pixels_per_lambda_w());
-  const std::size_t n = workspace.brightness.size();
-  const float* flux = centroids.flux_adu.data();
-  const float* xx = centroids.xx_px2.data();
-  const float* yy = centroids.yy_px2.data();
-  float* brightness = workspace.brightness.data();
-  float* spread = workspace.spread.data();
-  for (std::size_t k = 0; k < n; ++k) {
-    const float ratio = std::min(std::max(flux[k] * per_flux, 0.0F), kBrightest);
-    brightness[k] = std::sqrt(std::sqrt(ratio));
-    spread[k] = std::min((xx[k] + yy[k]) * per_square, kWidestSpread);
-  }
-}
-
-/// How much a first glance at a row of nodes promises, on a scale of logits: a logistic regression
-/// of what the network finds on circulation, darkness and spread (validation subset, Rytov
-/// variances 1 to 4, no noise to 200 photons). Of the nodes where it finds vortices 99.6 % lie
-/// above kLeastInterest, of all nodes 10 to 40 %.
-void glance(const ClassifierWorkspace& workspace, const CirculationMap& circulation, int row,
-            float* __restrict interest) noexcept {
-  const auto n = static_cast<std::size_t>(circulation.value.cols());
-  const float* d = &circulation.value(row, 0);
-  const float* upper = &workspace.brightness(row, 0);
-  const float* lower = &workspace.brightness(row + 1, 0);
-  const float* upper_spread = &workspace.spread(row, 0);
-  const float* lower_spread = &workspace.spread(row + 1, 0);
-  for (std::size_t c = 0; c < n; ++c) {
-    const float size = std::min(std::abs(d[c]), kMostCirculation);
-    const float darkest =
-        std::min(std::min(upper[c], upper[c + 1]), std::min(lower[c], lower[c + 1]));
-    const float mean = upper[c] + upper[c + 1] + lower[c] + lower[c + 1];
-    const float widest = std::max(std::max(upper_spread[c], upper_spread[c + 1]),
-                                  std::max(lower_spread[c], lower_spread[c + 1]));
-    interest[c] =
-        -1.01F + (1.57F - 0.159F * size) * size - 3.69F * darkest - 1.15F * mean + 4.69F * widest;
-  }
-}
-
-/// Keeps, of the nodes in the workspace, those the scout finds worth it.
-void scout(const ClassifierPlan& plan, const CirculationMap& circulation,
-           ClassifierWorkspace& workspace) noexcept {
-  FixedList<std::int32_t>& nodes = workspace.nodes;
-  const auto least = static_cast<float>(plan.options().min_scout);
-  const int node_cols = plan.cols() - 1;
-  const std::size_t n_glanced = nodes.size();
-  std::size_t kept = 0;
-  for (std::size_t first = 0; first < n_glanced; first += ClassifierWorkspace::kChunk) {
-    const auto n = std::min<std::size_t>(ClassifierWorkspace::kChunk, n_glanced - first);
-    for (std::size_t i = 0; i < n; ++i) {
-      describe_node(workspace, circulation, nodes[first + i] / node_cols,
-                    nodes[first + i] % node_cols, workspace.a.data() + i * kScoutFeatures);
-    }
-    const float* out =
-        apply_layers(plan.network(), ClassifierNetwork::kHeadEnd, ClassifierNetwork::kLayers,
-                     static_cast<int>(n), workspace.a.data(), workspace.b.data());
-    constexpr std::size_t kOut = ClassifierNetwork::kOutputs.back();
-    for (std::size_t i = 0; i < n; ++i)
-      if (out[i * kOut] >= least) nodes[kept++] = nodes[first + i];
-  }
-  nodes.shorten(kept);
-}
-
-/// Which nodes to judge, and which lenslets that takes.
+/// Nodes whose four lenslets are there, but for one at most, and which the scout thinks worth it.
 void choose_nodes(const ClassifierPlan& plan, const Centroids& centroids,
                   const CirculationMap& circulation, float mean,
                   ClassifierWorkspace& workspace) noexcept {
-  workspace.nodes.clear();
-  workspace.lenslets.clear();
-  const int rows = plan.rows();
-  const int cols = plan.cols();
-  const bool all = plan.options().min_scout <= kEveryNode;
-  describe_lenslets(plan, centroids, mean, workspace);
-  for (int r = 0; r + 1 < rows; ++r) {
-    glance(workspace, circulation, r, workspace.interest.data());
-    for (int c = 0; c + 1 < cols; ++c) {
-      if (!all && workspace.interest[static_cast<std::size_t>(c)] < kLeastInterest) continue;
+  FixedList<std::int32_t>& nodes = workspace.nodes;
+  nodes.clear();
+  const int node_rows = plan.rows() - 1;
+  const int node_cols = plan.cols() - 1;
+  const double least = plan.options().min_scout;
+  const bool all = least <= kEveryNode;
+  if (!all) {
+    describe_lenslets(centroids, circulation, mean, plan.pixels_per_lambda_w(), workspace.scout);
+    scout_nodes(plan.network(), workspace.scout);
+  }
+  const auto least_logit = all ? 0.0F : static_cast<float>(least);
+  for (int row = 0; row < node_rows; ++row) {
+    const float* logits = &workspace.scout.logits(row, 0);
+    for (int col = 0; col < node_cols; ++col) {
+      if (!(all | (logits[col] >= least_logit))) continue;
       int missing = 0;
-      for (int i = r; i <= r + 1; ++i)
-        for (int j = c; j <= c + 1; ++j) missing += is_missing(centroids.state(i, j)) ? 1 : 0;
-      if (missing <= 1) workspace.nodes.push(r * (cols - 1) + c);
+      for (int i = row; i <= row + 1; ++i)
+        for (int j = col; j <= col + 1; ++j) missing += is_missing(centroids.state(i, j)) ? 1 : 0;
+      if (missing <= 1) nodes.push(row * node_cols + col);
     }
   }
-  if (!all) scout(plan, circulation, workspace);
-  workspace.wanted.fill(0);
-  for (const std::int32_t node : workspace.nodes) {
-    const int r = node / (cols - 1);
-    const int c = node % (cols - 1);
-    for (int i = std::max(r - 1, 0); i <= std::min(r + 2, rows - 1); ++i)
-      for (int j = std::max(c - 1, 0); j <= std::min(c + 2, cols - 1); ++j)
-        workspace.wanted(i, j) = 1;
+}
+
+/// Lists the lenslets of all patches.
+void gather_lenslets(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noexcept {
+  Image<std::uint8_t>& wanted = workspace.wanted;
+  const int node_cols = plan.cols() - 1;
+  wanted.fill(0);
+  for (const std::int32_t node : workspace.nodes)
+    for (int i = 0; i < kPatch; ++i)
+      std::fill_n(&wanted(node / node_cols + i, node % node_cols), kPatch, std::uint8_t{1});
+  workspace.lenslets.clear();
+  for (int row = 0; row < plan.rows(); ++row) {
+    const std::uint8_t* of_row = &wanted(row + 1, 0);
+    for (int first = 0; first < wanted.cols(); first += kWord) {
+      std::uint64_t word = 0;
+      std::memcpy(&word, of_row + first, kWord);
+      if (word == 0) continue;
+      for (int i = 0; i < kWord; ++i) {
+        const int col = first + i - 1;
+        if (of_row[first + i] != 0 && col >= 0 && col < plan.cols())
+          workspace.lenslets.push(row * plan.cols() + col);
+      }
+    }
   }
-  for (int k = 0; k < rows * cols; ++k)
-    if (workspace.wanted[static_cast<std::size_t>(k)] != 0) workspace.lenslets.push(k);
 }
 
 void encode_lenslets(const ClassifierPlan& plan, FrameView frame, const Centroids& centroids,
                      float mean, ClassifierWorkspace& workspace) noexcept {
   const int cols = plan.cols();
-  std::array<std::int32_t, ClassifierWorkspace::kChunk> chunk{};
-  int n = 0;
-  const auto code_of = [&](int k) {
-    return &workspace.codes(k / cols + 1, (k % cols + 1) * kCode);
+  struct Waiting {
+    std::size_t lenslet;
+    float* code;
   };
+  std::array<Waiting, ClassifierWorkspace::kChunk> chunk;
+  std::array<SpotProjection, ClassifierWorkspace::kChunk> projections;
+  int n = 0;
   const auto flush = [&] {
+    for (int i = 0; i < n; ++i) {
+      const std::size_t k = chunk[static_cast<std::size_t>(i)].lenslet;
+      plan.features().describe(k, projections[static_cast<std::size_t>(i)], centroids.flux_adu[k],
+                               mean, workspace.a.data() + std::ptrdiff_t{i} * kSpotFeatures);
+    }
     const float* codes = apply_layers(plan.network(), 0, ClassifierNetwork::kEncoderEnd, n,
                                       workspace.a.data(), workspace.b.data());
     for (int i = 0; i < n; ++i)
       std::copy_n(codes + std::ptrdiff_t{i} * kCode, kCode,
-                  code_of(chunk[static_cast<std::size_t>(i)]));
+                  chunk[static_cast<std::size_t>(i)].code);
     n = 0;
   };
   for (const std::int32_t k : workspace.lenslets) {
     const auto u = static_cast<std::size_t>(k);
+    float* const code = &workspace.codes(k / cols + 1, (k % cols + 1) * kCode);
     if (is_missing(centroids.state[u]) || !plan.features().has_lenslet(u)) {
-      std::copy_n(plan.missing_code(), kCode, code_of(k));
+      std::copy_n(plan.missing_code(), kCode, code);
       continue;
     }
-    plan.features().measure(frame, u, centroids.flux_adu[u], mean,
-                            workspace.a.data() + std::ptrdiff_t{n} * kSpotFeatures);
-    chunk[static_cast<std::size_t>(n++)] = k;
+    plan.features().project(frame, u, projections[static_cast<std::size_t>(n)]);
+    chunk[static_cast<std::size_t>(n++)] = {u, code};
     if (n == ClassifierWorkspace::kChunk) flush();
   }
   if (n > 0) flush();
 }
 
-/// The network's answer for one sign, if it says anything.
-void add_if_likely(const NodeOutput& output, int charge, int row, int col,
-                   ClassifierWorkspace& workspace) noexcept {
-  const float probability = 1.0F / (1.0F + std::exp(-output.logit));
-  if (!(probability >= kLeastProbability)) return;
-  const float a = std::exp(std::clamp(output.log_a, kLeastLogScale, kMostLogScale));
-  const float c = std::exp(std::clamp(output.log_c, kLeastLogScale, kMostLogScale));
+float probability_of(float logit) noexcept { return 1.0F / (1.0F + std::exp(-logit)); }
+
+Vortex vortex_at(int row, int col, float dx, float dy) noexcept {
+  Vortex vortex;
+  vortex.x = static_cast<float>(col) + 0.5F + std::clamp(dx, -1.0F, 1.0F);
+  vortex.y = static_cast<float>(row) + 0.5F + std::clamp(dy, -1.0F, 1.0F);
+  return vortex;
+}
+
+float scale_of(float log_scale) noexcept {
+  return std::exp(std::clamp(log_scale, kLeastLogScale, kMostLogScale));
+}
+
+Vortex vortex_of(const NodeOutput& output, int charge, int row, int col) noexcept {
+  const float a = scale_of(output.log_a);
+  const float c = scale_of(output.log_c);
   const float ratio = output.b / (a * c);
-  NodeVortex seen;
-  seen.vortex = {.x = static_cast<float>(col) + 0.5F + std::clamp(output.dx, -1.0F, 1.0F),
-                 .y = static_cast<float>(row) + 0.5F + std::clamp(output.dy, -1.0F, 1.0F),
-                 .charge = charge,
-                 .probability = probability,
-                 .variance_x = 1.0F / (a * a),
-                 .variance_y = ratio * ratio + 1.0F / (c * c),
-                 .covariance_xy = -ratio / a};
-  seen.precision = 2.0F / (seen.vortex.variance_x + seen.vortex.variance_y);
-  seen.row = row;
-  seen.col = col;
-  workspace.seen.push(seen);
+  Vortex vortex = vortex_at(row, col, output.dx, output.dy);
+  vortex.charge = charge;
+  vortex.probability = probability_of(output.logit);
+  vortex.variance_x = 1.0F / (a * a);
+  vortex.variance_y = ratio * ratio + 1.0F / (c * c);
+  vortex.covariance_xy = -ratio / a;
+  return vortex;
+}
+
+Vortex vortex_of(const PairOutput& output, int row, int col) noexcept {
+  const float scale = scale_of(output.log_scale);
+  Vortex vortex = vortex_at(row, col, output.dx, output.dy);
+  vortex.flags = kVortexUnresolvedPair;
+  vortex.probability = probability_of(output.logit);
+  vortex.variance_x = vortex.variance_y = 1.0F / (scale * scale);
+  return vortex;
 }
 
 void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noexcept {
@@ -252,14 +196,18 @@ void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noe
                      static_cast<int>(n), workspace.a.data(), workspace.b.data());
     for (std::size_t i = 0; i < n; ++i, out += kAnswer) {
       const std::int32_t node = workspace.nodes[first + i];
-      std::array<NodeOutput, 2> outputs;
-      static_assert(std::size_t{2} * kNodeOutputs <= kAnswer);
-      for (std::size_t sign = 0; sign < 2; ++sign) {
-        const float* o = out + sign * std::size_t{kNodeOutputs};
-        outputs[sign] = {o[0], o[1], o[2], o[3], o[4], o[5]};
-        add_if_likely(outputs[sign], sign == 0 ? 1 : -1, node / node_cols, node % node_cols,
-                      workspace);
+      const int row = node / node_cols;
+      const int col = node % node_cols;
+      const auto see = [&](const Vortex& vortex) {
+        workspace.seen.push({vortex, 2.0F / (vortex.variance_x + vortex.variance_y), row, col});
+      };
+      for (const int charge : {1, -1}) {
+        const float* o = out + (charge > 0 ? 0 : kNodeOutputs);
+        if (o[0] >= kLeastLogit)
+          see(vortex_of(NodeOutput{o[0], o[1], o[2], o[3], o[4], o[5]}, charge, row, col));
       }
+      const float* o = out + kFirstPairOutput;
+      if (o[0] >= kLeastLogit) see(vortex_of(PairOutput{o[0], o[1], o[2], o[3]}, row, col));
     }
   }
 }
@@ -270,7 +218,8 @@ float distance_squared(const Vortex& a, const Vortex& b) noexcept {
   return x * x + y * y;
 }
 
-/// The surest views in turn: each is reported unless a surer one is the same vortex.
+/// The surest views in turn: each is reported unless a surer one is the same vortex, or was a pair
+/// where this is a vortex, or the other way about.
 void report(const ClassifierPlan& plan, const CirculationMap& circulation,
             ClassifierWorkspace& workspace, VortexList& vortices) noexcept {
   FixedList<NodeVortex>& seen = workspace.seen;
@@ -282,24 +231,28 @@ void report(const ClassifierPlan& plan, const CirculationMap& circulation,
   });
   const int node_rows = plan.rows() - 1;
   const auto index_at = [&](int charge, int row, int col) -> std::int32_t& {
-    return workspace.seen_at(charge > 0 ? row : row + node_rows, col);
+    return workspace.seen_at((charge + 1) * node_rows + row, col);
   };
   workspace.seen_at.fill(-1);
   for (std::size_t i = 0; i < seen.size(); ++i)
     index_at(seen[i].vortex.charge, seen[i].row, seen[i].col) = static_cast<std::int32_t>(i);
-  const auto for_each_near = [&](const NodeVortex& view, auto&& use) {
-    for (int r = std::max(view.row - kNear, 0); r <= std::min(view.row + kNear, node_rows - 1); ++r)
-      for (int c = std::max(view.col - kNear, 0); c <= std::min(view.col + kNear, plan.cols() - 2);
-           ++c) {
-        const std::int32_t i = index_at(view.vortex.charge, r, c);
+  const auto for_each_near = [&](const NodeVortex& view, int charge, auto&& use) {
+    const int last_row = std::min(view.row + kNear, node_rows - 1);
+    const int last_col = std::min(view.col + kNear, plan.cols() - 2);
+    for (int r = std::max(view.row - kNear, 0); r <= last_row; ++r) {
+      for (int c = std::max(view.col - kNear, 0); c <= last_col; ++c) {
+        const std::int32_t i = index_at(charge, r, c);
         if (i >= 0) use(seen[static_cast<std::size_t>(i)]);
       }
+    }
   };
   for (NodeVortex& view : seen) {
     if (static_cast<double>(view.vortex.probability) < plan.options().min_probability) break;
+    const int charge = view.vortex.charge;
+    if (charge == 0 && view.vortex.probability < kBelievedPair) continue;
     bool first = true;
     float weights = 0.0F, x = 0.0F, y = 0.0F;
-    for_each_near(view, [&](const NodeVortex& other) {
+    for_each_near(view, charge, [&](const NodeVortex& other) {
       const float apart = distance_squared(view.vortex, other.vortex);
       first &= !(other.precision < 0.0F && apart < kSameVortex * kSameVortex);
       if (apart > kAgree * kAgree) return;
@@ -308,43 +261,35 @@ void report(const ClassifierPlan& plan, const CirculationMap& circulation,
       x += weight * other.vortex.x;
       y += weight * other.vortex.y;
     });
+    const auto give_way = [&](const NodeVortex& other) {
+      const float apart = distance_squared(view.vortex, other.vortex);
+      first &= !(other.precision < 0.0F && apart < kPairOrVortex * kPairOrVortex);
+    };
+    if (charge != 0) {
+      for_each_near(view, 0, give_way);
+    } else {
+      for_each_near(view, 1, give_way);
+      for_each_near(view, -1, give_way);
+    }
     if (!first) continue;
     Vortex vortex = view.vortex;
     vortex.x = std::clamp(x / weights, 0.0F, static_cast<float>(plan.cols() - 1));
     vortex.y = std::clamp(y / weights, 0.0F, static_cast<float>(plan.rows() - 1));
+    for_each_near(view, charge, [&](const NodeVortex& other) {
+      first &= !(other.precision < 0.0F &&
+                 distance_squared(vortex, other.vortex) < kSameVortex * kSameVortex);
+    });
+    if (!first) continue;
     vortex.circulation = circulation.value(view.row, view.col);
     vortex.significance =
         significance(vortex.circulation, circulation.variance(view.row, view.col));
     vortices.push(vortex);
+    view.vortex = vortex;
     view.precision = -view.precision;  // reported
   }
 }
 
 }  // namespace
-
-void describe_node(const ClassifierWorkspace& workspace, const CirculationMap& circulation, int row,
-                   int col, float* to) noexcept {
-  const float d = circulation.value(row, col);
-  const float sign = d < 0.0F ? -1.0F : 1.0F;
-  *to++ = std::min(std::abs(d), kMostCirculation);
-  for (int r = row - 1; r <= row + 1; ++r) {
-    for (int c = col - 1; c <= col + 1; ++c) {
-      if (r == row && c == col) continue;
-      const bool inside = circulation.value.contains(r, c);
-      *to++ = inside
-                  ? std::clamp(sign * circulation.value(r, c), -kMostCirculation, kMostCirculation)
-                  : 0.0F;
-    }
-  }
-  for (const Image<float>* map : {&workspace.brightness, &workspace.spread}) {
-    *to++ = (*map)(row, col);
-    *to++ = (*map)(row, col + 1);
-    *to++ = (*map)(row + 1, col);
-    *to++ = (*map)(row + 1, col + 1);
-  }
-  *to++ = std::min(std::sqrt(std::max(circulation.variance(row, col), 0.0F)), kMostCirculation);
-  *to++ = 1.0F;
-}
 
 ClassifierPlan::ClassifierPlan(const ClassifierOptions& options, const SpotCamera& camera,
                                const FrameFormat& format, ClassifierNetwork network)
@@ -352,6 +297,9 @@ ClassifierPlan::ClassifierPlan(const ClassifierOptions& options, const SpotCamer
       features_(camera, format),
       network_(std::move(network)),
       pixels_per_lambda_w_(static_cast<float>(camera.pixels_per_lambda_w)) {
+  DenseLayer& scouting = network_.layers[ClassifierNetwork::kHeadEnd];  // its first input is 1
+  for (std::size_t i = 0; i < scouting.bias.size(); ++i)
+    scouting.weights[i] += std::exchange(scouting.bias[i], 0.0F);
   AlignedVector<float> a(kSpotFeatures + 64, 0.0F);
   AlignedVector<float> b(a.size());
   const float* code =
@@ -360,17 +308,15 @@ ClassifierPlan::ClassifierPlan(const ClassifierOptions& options, const SpotCamer
 }
 
 ClassifierWorkspace::ClassifierWorkspace(const ClassifierPlan& plan)
-    : brightness(plan.rows(), plan.cols()),
-      spread(plan.rows(), plan.cols()),
-      interest(static_cast<std::size_t>(plan.cols())),
+    : scout(plan.rows(), plan.cols()),
       codes(plan.rows() + 2, (plan.cols() + 2) * kCode),
-      wanted(plan.rows(), plan.cols()),
+      wanted(plan.rows() + 2, (plan.cols() + 2 + kWord - 1) / kWord * kWord),
       nodes(wanted.size()),
       lenslets(wanted.size()),
       a(static_cast<std::size_t>(kChunk) * ClassifierNetwork::kWidest),
       b(a.size()),
-      seen(2 * wanted.size()),
-      seen_at(2 * (plan.rows() - 1), plan.cols() - 1) {
+      seen(3 * wanted.size()),
+      seen_at(3 * (plan.rows() - 1), plan.cols() - 1) {
   for (std::size_t i = 0; i < codes.size(); ++i) codes[i] = plan.missing_code()[i % kCode];
 }
 
@@ -382,6 +328,7 @@ void classify_vortices(const ClassifierPlan& plan, FrameView frame, const Centro
   vortices.clear();
   const float mean = mean_flux(centroids);
   choose_nodes(plan, centroids, circulation, mean, workspace);
+  gather_lenslets(plan, workspace);
   encode_lenslets(plan, frame, centroids, mean, workspace);
   judge_nodes(plan, workspace);
   report(plan, circulation, workspace, vortices);

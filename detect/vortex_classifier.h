@@ -11,13 +11,15 @@
 #include "core/vortex.h"
 #include "detect/classifier_network.h"
 #include "detect/spot_features.h"
+#include "detect/vortex_scout.h"
 
 namespace curlew {
 
+inline constexpr double kEveryNode = -1e29;
+
 struct ClassifierOptions {
   double min_probability = 0.5;  ///< less likely vortices are not reported; in (0, 1)
-  /// Nodes that the scout gives less, a logit, are not judged. −1e20: all that a first glance
-  /// leaves are; −1e30: every one is.
+  /// Nodes that the scout gives less, a logit, are not judged. Below kEveryNode every one is.
   double min_scout = -2.0;
 };
 
@@ -47,44 +49,38 @@ class ClassifierPlan {
   AlignedVector<float> missing_code_;
 };
 
-/// A vortex seen from one node, before those seen twice are made one.
+/// A vortex, or an unresolved pair, seen from one node, before those seen twice are made one.
 struct NodeVortex {
   Vortex vortex;
-  float precision = 0;  ///< 1 / mean variance of the position
+  float precision = 0;  ///< 1 / mean variance of the position; negative once reported
   std::int32_t row = 0;
   std::int32_t col = 0;
 };
 
-/// Buffers of one frame, made once.
+/// Buffers of one frame, made once. Padded maps are one lenslet wider all round.
 struct ClassifierWorkspace {
   explicit ClassifierWorkspace(const ClassifierPlan& plan);
 
   static constexpr int kChunk = 48;  ///< lenslets or nodes that go through a layer together
 
-  Image<float> brightness;        ///< [rows, cols]: fourth root of the flux over the mean
-  Image<float> spread;            ///< [rows, cols]: second moments, (λ/w)²
-  AlignedVector<float> interest;  ///< of a row of nodes
-  Image<float> codes;             ///< [rows + 2, (cols + 2)·kCode], one lenslet wider all round
-  Image<std::uint8_t> wanted;     ///< [rows, cols]: lenslets near a node that is looked at
-  FixedList<std::int32_t> nodes;  ///< looked at, row·(cols − 1) + col
-  FixedList<std::int32_t> lenslets;
-  AlignedVector<float> a;  ///< a chunk between layers
+  ScoutWorkspace scout;
+  Image<float> codes;                ///< padded, [rows + 2, (cols + 2)·kCode]
+  Image<std::uint8_t> wanted;        ///< padded, and to 8 columns: 1 near a node that is judged
+  FixedList<std::int32_t> nodes;     ///< judged, row·(cols − 1) + col
+  FixedList<std::int32_t> lenslets;  ///< encoded
+  AlignedVector<float> a;            ///< a chunk between layers
   AlignedVector<float> b;
   FixedList<NodeVortex> seen;
-  Image<std::int32_t> seen_at;  ///< [2·(rows − 1), cols − 1], both signs: index into seen, or −1
+  Image<std::int32_t> seen_at;  ///< [3·(rows − 1), cols − 1], by charge + 1: index in seen, or −1
 };
 
 /// Vortices of one frame, the surest first; `vortices` is cleared first. Never allocates.
-/// A lenslet that is unlit, saturated or has bad pixels is missing; faint spots and those at the
-/// window's edge are not, their pixels count.
+/// An opposite pair nearer than about a pitch is one entry of charge 0 with kVortexUnresolvedPair,
+/// where that is likelier than either of the two alone. Its probability is that of such a pair.
+/// Lenslets that is_missing (vortex_scout.h) are left out, and nodes with two or more of those
+/// among their four.
 void classify_vortices(const ClassifierPlan& plan, FrameView frame, const Centroids& centroids,
                        const CirculationMap& circulation, ClassifierWorkspace& workspace,
                        VortexList& vortices) noexcept;
-
-/// The scout's inputs for node (row, col), [kScoutFeatures]: |D|, D of the eight nodes around
-/// relative to its sign, brightness and spread of the four lenslets, σ_D, 1. The workspace as
-/// classify_vortices leaves it.
-void describe_node(const ClassifierWorkspace& workspace, const CirculationMap& circulation, int row,
-                   int col, float* to) noexcept;
 
 }  // namespace curlew

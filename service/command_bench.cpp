@@ -74,7 +74,7 @@ Measured measure(const BenchCase& which, const BenchOptions& options) {
   add_maps(sensor, 1);
   Config config;
   config.centroid.threshold_adu = kBenchThresholdAdu;
-  config.pipeline.threads = threading_from(options.threads, "--threads");
+  config.pipeline.threads = setting_from<Threading>(options.threads, "--threads");
   config.pipeline.cpus = options.cpus;
   ThreadPlacement placement(options.cpus, 0);
   Pipeline pipeline(std::make_shared<const Plan>(sensor, frames.front().format, config),
@@ -147,6 +147,10 @@ void add_bench(CLI::App& app) {
   latency->callback([options] { bench_latency(*options); });
   add_bench_detect(*bench);
   add_bench_train(*bench);
+  add_bench_classifier(*bench);
+  add_bench_false_alarms(*bench);
+  add_bench_phase(*bench);
+  add_bench_track(*bench);
 }
 
 }  // namespace curlew

@@ -58,8 +58,19 @@ void announce(const DetectionBenchmarkOptions& options, const RealisationCache& 
              realisations, kept, std::ceil(seconds / options.threads), megabytes);
 }
 
+std::map<std::string, CentroidMethod> centroid_methods() {
+  std::map<std::string, CentroidMethod> methods;
+  for (std::size_t i = 0; i < kCentroidMethodNames.size(); ++i)
+    methods.emplace(kCentroidMethodNames[i], static_cast<CentroidMethod>(i));
+  return methods;
+}
+
 std::string photons_text(double photons) {
   return std::isfinite(photons) ? fmt::format("{} photons", photons) : "no noise";
+}
+
+std::string pupil_name(Pupil pupil) {
+  return pupil == Pupil::kSquare ? "square" : pupil == Pupil::kRound ? "round" : "obscured";
 }
 
 /// NaN has no place in JSON.
@@ -89,6 +100,8 @@ nlohmann::ordered_json results_json(const DetectionBenchmarkOptions& options,
   json["lenslet"] = options.field.lenslet;
   json["window_px"] = options.field.window_px;
   json["samples_per_lambda_w"] = options.field.samples_per_lambda_w;
+  json["pupil"] = pupil_name(options.measurement.pupil);
+  json["faded"] = options.measurement.faded;
   json["validation_realisations"] = options.validation_realisations;
   json["test_realisations"] = options.test_realisations;
   json["false_alarms_of_recall"] = kStatedFalseAlarms;
@@ -204,14 +217,41 @@ void add_bench_detect(CLI::App& bench) {
       ->capture_default_str();
   detect
       ->add_option("--centroid", benchmark.measurement.method,
-                   "plain or thresholded (default); plain where there is no noise")
-      ->transform(CLI::CheckedTransformer(std::map<std::string, CentroidMethod>{
-          {"plain", CentroidMethod::kPlain}, {"thresholded", CentroidMethod::kThresholded}}));
+                   "thresholded (default), plain, weighted, correlation, brightest_pixels or "
+                   "maximum_likelihood")
+      ->transform(CLI::CheckedTransformer(centroid_methods()));
   detect
       ->add_option("--threshold-noise", benchmark.measurement.threshold_noise,
                    "of the thresholded centroid, read noises")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
+  detect
+      ->add_option("--spot-sigma", benchmark.measurement.spot_sigma_px,
+                   "of the Gaussian of centroids that have one, px; 0: the diffraction limit's")
+      ->capture_default_str();
+  detect
+      ->add_option("--reference-pull", benchmark.measurement.reference_pull,
+                   "of the weighted centroid, read noises")
+      ->capture_default_str();
+  detect
+      ->add_option("--brightest-pixels", benchmark.measurement.brightest_pixels,
+                   "that count in the centroid of that name")
+      ->capture_default_str();
+  detect
+      ->add_option("--pupil", benchmark.measurement.pupil,
+                   "square (default), round or obscured: which lenslets get light")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, Pupil>{
+          {"square", Pupil::kSquare}, {"round", Pupil::kRound}, {"obscured", Pupil::kObscured}}));
+  detect
+      ->add_option("--faded", benchmark.measurement.faded,
+                   "part of the lenslets, others in every frame, that are dark")
+      ->check(CLI::Range(0.0, 0.9))
+      ->capture_default_str();
+  detect
+      ->add_option("--controlled", benchmark.controlled_rates,
+                   "more rows: whitened and classifier held to these false alarms a frame")
+      ->delimiter(',')
+      ->check(CLI::PositiveNumber);
   detect->add_option("--cache", options->cache, "folder where simulated fields are kept")
       ->capture_default_str();
   detect->add_flag("--no-cache", options->no_cache, "keep nothing");

@@ -36,15 +36,20 @@ struct ReplayOptions {
   std::vector<std::string> save;
   std::optional<double> false_alarms;
   std::string threads;
+  std::string method;
+  bool track = false;
   double pace_hz = 0.0;
   std::int64_t show = 3;
 };
 
 Config configuration(const ReplayOptions& options) {
   Config config = options.config.empty() ? Config{} : read_config(options.config);
+  if (!options.method.empty())
+    config.vortices.method = setting_from<DetectMethod>(options.method, "--method");
+  config.vortices.track |= options.track;
   if (options.false_alarms) config.detect.false_alarms_per_frame = *options.false_alarms;
   if (!options.threads.empty())
-    config.pipeline.threads = threading_from(options.threads, "--threads");
+    config.pipeline.threads = setting_from<Threading>(options.threads, "--threads");
   return config;
 }
 
@@ -97,7 +102,8 @@ void replay(const ReplayOptions& options) {
   if (options.pace_hz != 0.0 && !(options.pace_hz >= 1e-3 && options.pace_hz <= 1e6))
     throw UsageError("--pace must be from 0.001 to 1000000 Hz, or 0");
   const SaveOptions save = save_options_from(options.save);
-  const Config config = configuration(options);
+  Config config = configuration(options);
+  config.hidden_phase |= save.whole_phase;
   Sensor sensor = read_sensor(options.sensor);
   FitsSource source(options.recordings);
   const FrameFormat& format = source.format();
@@ -120,7 +126,7 @@ void replay(const ReplayOptions& options) {
                                             config_hash(config));
   std::unique_ptr<JsonLines> lines;
   if (!options.jsonl.empty()) lines = std::make_unique<JsonLines>(options.jsonl);
-  VortexPrinter printer(truth, options.show);
+  VortexPrinter printer(truth, config.vortices, options.show);
   FrameResult result(plan->detect.capacity());
   ThreadPlacement placement(config.pipeline.cpus, config.realtime.priority);
   RunReport report;
@@ -171,9 +177,13 @@ void add_replay(CLI::App& app) {
   command->add_option("--out", options->out, "results (FITS)");
   command
       ->add_option("--save", options->save,
-                   "images to put into --out: slopes,flux,phase,solenoidal,circulation")
+                   "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation")
       ->delimiter(',');
   command->add_option("--jsonl", options->jsonl, "one JSON object a frame");
+  command->add_option("--method", options->method,
+                      "how vortices are found: circulation (default), whitened or classifier");
+  command->add_flag("--track", options->track,
+                    "follow vortices from frame to frame, and report what lasts");
   command->add_option("--false-alarms", options->false_alarms,
                       "vortices reported a frame where there is only noise (default 0.01)");
   command->add_option("--threads", options->threads, "inline (default) or per_stage");

@@ -22,6 +22,8 @@ struct RunCommand {
   std::string sensor;
   std::string jsonl;
   std::string threads;
+  std::string method;
+  bool track = false;
   std::optional<double> false_alarms;
   DaemonLimits limits;
 };
@@ -33,7 +35,10 @@ Config configuration(const RunCommand& options) {
   if (!options.sensor.empty()) config.daemon.sensor = options.sensor;
   if (!options.jsonl.empty()) config.daemon.jsonl = options.jsonl;
   if (!options.threads.empty())
-    config.pipeline.threads = threading_from(options.threads, "--threads");
+    config.pipeline.threads = setting_from<Threading>(options.threads, "--threads");
+  if (!options.method.empty())
+    config.vortices.method = setting_from<DetectMethod>(options.method, "--method");
+  config.vortices.track |= options.track;
   if (options.false_alarms) config.detect.false_alarms_per_frame = *options.false_alarms;
   return config;
 }
@@ -80,6 +85,10 @@ void add_run(CLI::App& app) {
       ->check(CLI::Range(0.001, 1e9));
   command->add_option("--jsonl", options->jsonl, "append one JSON object a frame");
   command->add_option("--threads", options->threads, "inline (default) or per_stage");
+  command->add_option("--method", options->method,
+                      "how vortices are found: circulation (default), whitened or classifier");
+  command->add_flag("--track", options->track,
+                    "follow vortices from frame to frame, and report what lasts");
   command->add_option("--false-alarms", options->false_alarms,
                       "vortices reported a frame where there is only noise (default 0.01)");
   command->callback([options] { run_daemon(*options); });

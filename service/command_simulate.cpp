@@ -9,6 +9,7 @@
 #include <numbers>
 #include <optional>
 
+#include "acquisition/field_file.h"
 #include "acquisition/recording.h"
 #include "acquisition/simulator.h"
 #include "core/error.h"
@@ -42,6 +43,7 @@ struct TurbulenceOptions {
 struct SimulateOptions {
   std::string preset = "plane";
   std::string out;
+  std::string field_out;
   SimulatorOptions simulator;
   PresetParameters parameters;
   std::vector<std::string> vortices;
@@ -152,6 +154,7 @@ void print_time(double frame_s, std::int64_t frames) {
 void simulate(const SimulateOptions& options) {
   if (options.simulator.frames < 1) throw UsageError("--frames must be at least 1");
   refuse_overwriting(options.out, {options.parameters.field_file});
+  refuse_overwriting(options.field_out, {options.parameters.field_file, options.out});
   const SimulatorOptions simulated = simulator_options(options);
   check_simulator_options(simulated);
   if (simulated.turbulence) print_grid(simulated);
@@ -173,6 +176,7 @@ void simulate(const SimulateOptions& options) {
       progress.step();
     }
   }
+  if (!options.field_out.empty()) write_sampled_field(options.field_out, simulator.field(0));
   recording.write_truth(truth);
   recording.commit();
   const FrameFormat& format = simulator.format();
@@ -267,6 +271,8 @@ void add_simulate(CLI::App& app) {
   command->add_option("--separation", parameters.separation, "of the dipole, pitches")
       ->capture_default_str();
   command->add_option("--field", parameters.field_file, "complex field [2, ny, nx] in FITS");
+  command->add_option("--field-out", options->field_out,
+                      "write the first frame's field at the lenslets, as --field reads it");
   command
       ->add_option("--amplitude", simulator.scene.vortex_amplitude,
                    "round a vortex: uniform (default, as the paper) or linear")

@@ -15,7 +15,12 @@ void add_control(CLI::App& app);
 void add_bench(CLI::App& app);
 void add_bench_detect(CLI::App& bench);  // commands of bench
 void add_bench_train(CLI::App& bench);
+void add_bench_classifier(CLI::App& bench);
+void add_bench_false_alarms(CLI::App& bench);
+void add_bench_phase(CLI::App& bench);
+void add_bench_track(CLI::App& bench);
 void add_cameras(CLI::App& app);
 void add_doctor(CLI::App& app);
+void add_kernel(CLI::App& app);
 
 }  // namespace curlew

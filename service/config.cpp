@@ -13,6 +13,7 @@
 #include <string_view>
 #include <utility>
 
+#include "centroiding/centroid_methods.h"
 #include "core/error.h"
 
 namespace curlew {
@@ -35,13 +36,24 @@ template <typename Enum>
 Word(const char*, Enum) -> Word<Enum>;
 constexpr std::array kThreadingWords = {Word{"inline", Threading::kInline},
                                         Word{"per_stage", Threading::kPerStage}};
+constexpr std::array kDetectMethodWords = {Word{"circulation", DetectMethod::kCirculation},
+                                           Word{"whitened", DetectMethod::kWhitened},
+                                           Word{"classifier", DetectMethod::kClassifier}};
 constexpr std::array kTriggerWords = {Word{"as_is", Trigger::kAsIs}, Word{"free", Trigger::kFree},
                                       Word{"line", Trigger::kLine},
                                       Word{"software", Trigger::kSoftware}};
 constexpr std::array kRecordWords = {Word{"off", RecordMode::kOff},
                                      Word{"continuous", RecordMode::kContinuous},
                                      Word{"trigger", RecordMode::kTrigger}};
+constexpr auto kCentroidWords = [] {
+  std::array<Word<CentroidMethod>, kCentroidMethodNames.size()> words{};
+  for (std::size_t i = 0; i < words.size(); ++i)
+    words[i] = {kCentroidMethodNames[i], static_cast<CentroidMethod>(i)};
+  return words;
+}();
+constexpr const auto& words_of(CentroidMethod) { return kCentroidWords; }
 constexpr const auto& words_of(Threading) { return kThreadingWords; }
+constexpr const auto& words_of(DetectMethod) { return kDetectMethodWords; }
 constexpr const auto& words_of(Trigger) { return kTriggerWords; }
 constexpr const auto& words_of(RecordMode) { return kRecordWords; }
 
@@ -49,20 +61,34 @@ constexpr const auto& words_of(RecordMode) { return kRecordWords; }
 template <typename ConfigType, typename Visitor>
 void visit_config(ConfigType& config, Visitor&& visit) {
   auto& centroid = config.centroid;
+  visit("centroid", "method", centroid.method, kNotNegative);
   visit("centroid", "threshold_adu", centroid.threshold_adu, kNotNegative);
   visit("centroid", "threshold_relative", centroid.threshold_relative, Range{0.0, 0.99});
   visit("centroid", "threshold_noise", centroid.threshold_noise, kNotNegative);
   visit("centroid", "min_snr", centroid.min_snr, kNotNegative);
   visit("centroid", "edge_fraction", centroid.edge_fraction, Range{0.0, 0.25});
   visit("centroid", "max_bad_fraction", centroid.max_bad_fraction, kFraction);
+  visit("centroid", "spot_sigma_px", centroid.spot_sigma_px, Range{0.0, kMaxMethodWindow});
+  visit("centroid", "reference_pull", centroid.reference_pull, kNotNegative);
+  visit("centroid", "brightest_pixels", centroid.brightest_pixels, Range{0, kMaxBrightestPixels});
   auto& split = config.split;
+  visit("split", "hidden_phase", config.hidden_phase, kNotNegative);
   visit("split", "weighted", split.weighted, kNotNegative);
   visit("split", "tolerance", split.tolerance, Range{1e-7, 0.1});
   visit("split", "max_iterations", split.max_iterations, Range{1, 100000});
   auto& detect = config.detect;
+  auto& vortices = config.vortices;
+  visit("detect", "method", vortices.method, kNotNegative);
   visit("detect", "false_alarms_per_frame", detect.false_alarms_per_frame, Range{1e-12, 1e6});
   visit("detect", "min_circulation_rad", detect.min_circulation_rad, Range{1e-6, 100});
   visit("detect", "lobe_fraction", detect.lobe_fraction, Range{0.0, 0.99});
+  visit("detect", "min_probability", vortices.min_probability, Range{1e-6, 0.999999});
+  auto& tracker = config.tracker;
+  visit("track", "enabled", vortices.track, kNotNegative);
+  visit("track", "false_tracks_per_frame", tracker.false_tracks_per_frame, Range{1e-12, 1e3});
+  visit("track", "min_probability", tracker.min_probability, Range{0.0, 1.0});
+  visit("track", "min_probability_single", tracker.min_probability_single, Range{0.0, 1.0});
+  visit("track", "longest_gap_frames", tracker.longest_gap_frames, Range{1.0, 1e6});
   auto& pipeline = config.pipeline;
   visit("pipeline", "threads", pipeline.threads, kNotNegative);
   visit("pipeline", "slots", pipeline.slots, Range{2, 4096});
@@ -372,10 +398,16 @@ std::string config_hash(const Config& config) {
   return text.str();
 }
 
-Threading threading_from(const std::string& word, const std::string& where) {
-  for (const auto& known : kThreadingWords)
+template <typename Enum>
+Enum setting_from(const std::string& word, const std::string& where) {
+  std::string wanted;
+  for (const auto& known : words_of(Enum{})) {
     if (known.text == word) return known.value;
-  throw UsageError(where + " must be inline or per_stage, not '" + word + "'");
+    wanted.append(wanted.empty() ? "" : " or ").append(known.text);
+  }
+  throw UsageError(where + " must be " + wanted + ", not '" + word + "'");
 }
+template Threading setting_from<Threading>(const std::string&, const std::string&);
+template DetectMethod setting_from<DetectMethod>(const std::string&, const std::string&);
 
 }  // namespace curlew

@@ -9,6 +9,7 @@
 #include "acquisition/camera_options.h"
 #include "centroiding/centroid.h"
 #include "detect/vortex_finder.h"
+#include "detect/vortex_tracker.h"
 #include "reconstruct/split.h"
 #include "service/realtime.h"
 #include "service/recorder.h"
@@ -33,6 +34,21 @@ struct PipelineOptions {
   double deadline_us = 0.0;
 };
 
+/// How vortices are found.
+enum class DetectMethod {
+  kCirculation,  ///< where circulation stands out of the noise
+  kWhitened,     ///< a matched filter on it, weighted by each lenslet's noise and darkness
+  kClassifier,   ///< a trained network looks at the spots
+};
+
+/// Which of a detector's candidates are vortices.
+struct VortexOptions {
+  DetectMethod method = DetectMethod::kCirculation;
+  /// Of whitened and classifier: less likely ones are not reported.
+  double min_probability = 0.5;
+  bool track = false;  ///< follow them from frame to frame, and believe what lasts
+};
+
 /// What only the daemon, `curlew run`, needs.
 struct DaemonOptions {
   std::string sensor;              ///< sensor file made by `curlew calibrate`
@@ -45,6 +61,9 @@ struct Config {
   CentroidOptions centroid;
   SplitOptions split;
   DetectOptions detect;
+  VortexOptions vortices;
+  TrackerOptions tracker;
+  bool hidden_phase = false;  ///< make the whole phase: least squares and what the vortices add
   PipelineOptions pipeline;
   DaemonOptions daemon;
   CameraOptions camera;
@@ -65,7 +84,9 @@ std::set<std::string> changed_sections(const Config& a, const Config& b);
 /// 64-bit FNV-1a of config_text, in hexadecimal.
 std::string config_hash(const Config& config);
 
-/// "inline" or "per_stage"; UsageError names `where` otherwise.
-Threading threading_from(const std::string& word, const std::string& where);
+/// The setting a word of the configuration stands for, for Threading and DetectMethod; UsageError
+/// names `where` otherwise.
+template <typename Enum>
+Enum setting_from(const std::string& word, const std::string& where);
 
 }  // namespace curlew

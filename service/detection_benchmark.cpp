@@ -68,7 +68,7 @@ std::vector<Judged> judge(const MeasurementPlan& plan, const std::vector<Detecto
   std::vector<Judged> judged(rows.size(), Judged(n));
   measuring_us.resize(n);
   std::vector<std::unique_ptr<MeasuredFrame>> frames(size(threads));
-  const Interior interior{plan.parameters().rows, plan.parameters().cols};
+  const Interior interior{plan.parameters().rows, plan.parameters().cols, &plan.sensor().valid};
   for_each_in_parallel(static_cast<int>(n), threads, [&](int index, int thread) {
     const std::size_t i = size(index);
     auto& frame = frames[size(thread)];
@@ -87,7 +87,7 @@ std::vector<Judged> judge(const MeasurementPlan& plan, const std::vector<Detecto
 
 DetectionCellResult run_cell(const MeasurementPlan& plan, const Fields& validation,
                              const Fields& test, const DetectionBenchmarkOptions& options) {
-  const std::vector<DetectorRow> rows = make_detector_rows(plan);
+  const std::vector<DetectorRow> rows = make_detector_rows(plan, options.controlled_rates);
   std::vector<double> measuring_us;
   const auto chosen_on = judge(plan, rows, validation, options.threads, measuring_us);
   const auto stated_on = judge(plan, rows, test, options.threads, measuring_us);

@@ -19,6 +19,7 @@ struct DetectionBenchmarkOptions {
   int test_realisations = 100;
   int validation_realisations = 60;
   int bootstrap_samples = 1000;
+  std::vector<double> controlled_rates{};  ///< more rows, each held to one false alarm rate
   int threads = 1;
 };
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "acquisition/random_stream.h"
@@ -18,6 +19,8 @@ constexpr double kBiasAdu = 100.0;
 constexpr double kSaturationAdu = 65535.0;
 constexpr double kNoiseFreePeakAdu = 60000.0;
 constexpr double kGainTilt = 0.25;  // rad a pitch
+constexpr double kObscuration = 0.3;
+constexpr std::uint64_t kFadingStream = 0xfaded;  // not one of the fluxes'
 
 /// A pixel of the noisiest lenslet holds less than 13 times what a lenslet of amplitude 1 gathers.
 double choose_e_per_adu(double photons, double read_noise_e) {
@@ -30,12 +33,55 @@ const FieldParameters& checked(const FieldParameters& parameters,
   if (!(options.photons > 0.0)) throw UsageError("photons a lenslet must be more than 0");
   if (!(options.read_noise_e >= 0.0 && options.threshold_noise >= 0.0))
     throw UsageError("read noise and threshold must be 0 or more");
+  if (!(options.faded >= 0.0 && options.faded < 1.0))
+    throw UsageError("the part of faded lenslets must be from 0 to below 1");
   if (parameters.rows < 4 || parameters.cols < 4)
     throw UsageError("detection is measured on 4 x 4 lenslets or more");
   return parameters;
 }
 
+/// Takes the lenslets outside the pupil away.
+void cover(Sensor& sensor, const Image<std::uint8_t>& pupil) {
+  for (std::size_t k = 0; k < pupil.size(); ++k) {
+    if (pupil[k] != 0) continue;
+    sensor.valid[k] = 0;
+    sensor.window[k] = {};
+    sensor.ref_x_px[k] = sensor.ref_y_px[k] = std::numeric_limits<float>::quiet_NaN();
+  }
+}
+
+/// The light that is left where lenslets are outside the pupil or have faded.
+Image<float> shade(const MeasurementPlan& plan, const Image<float>& light, std::uint64_t seed) {
+  Image<float> left = light;
+  const int window = plan.parameters().window_px;
+  const Image<std::uint8_t>& pupil = plan.sensor().valid;
+  RandomStream random(seed, kFadingStream);
+  for (int row = 0; row < pupil.rows(); ++row) {
+    for (int col = 0; col < pupil.cols(); ++col) {
+      const bool faded = random.uniform() < plan.options().faded;
+      if (pupil(row, col) != 0 && !faded) continue;
+      for (int i = row * window; i < (row + 1) * window; ++i)
+        std::fill_n(&left(i, col * window), window, 0.0F);
+    }
+  }
+  return left;
+}
+
 }  // namespace
+
+Image<std::uint8_t> pupil_mask(Pupil pupil, int rows, int cols) {
+  Image<std::uint8_t> mask(rows, cols, 1);
+  if (pupil == Pupil::kSquare) return mask;
+  const double hole = pupil == Pupil::kObscured ? kObscuration : 0.0;
+  for (int r = 0; r < rows; ++r) {
+    for (int c = 0; c < cols; ++c) {
+      const double radius =
+          std::hypot((r - 0.5 * (rows - 1)) / (0.5 * rows), (c - 0.5 * (cols - 1)) / (0.5 * cols));
+      mask(r, c) = radius <= 1.0 && radius >= hole ? 1 : 0;
+    }
+  }
+  return mask;
+}
 
 MeasurementPlan::MeasurementPlan(const FieldParameters& parameters,
                                  const MeasurementOptions& options)
@@ -47,12 +93,19 @@ MeasurementPlan::MeasurementPlan(const FieldParameters& parameters,
   format_.rows = parameters.rows * parameters.window_px;
   format_.cols = parameters.cols * parameters.window_px;
   CentroidOptions centroid;
-  centroid.threshold_noise =
-      options.method == CentroidMethod::kThresholded ? options.threshold_noise : 0.0;
+  centroid.method = options.method;
+  centroid.threshold_noise = options.threshold_noise;
+  centroid.spot_sigma_px = options.spot_sigma_px;
+  centroid.reference_pull = options.reference_pull;
+  centroid.brightest_pixels = options.brightest_pixels;
   centroid.min_snr = 0.0;
   centroid.edge_fraction = 0.0;
   centroid_.emplace(make_sensor(1.0), format_, centroid);
   sensor_ = make_sensor(measure_gain());
+  if (options.pupil != Pupil::kSquare) {
+    cover(sensor_, pupil_mask(options.pupil, parameters.rows, parameters.cols));
+    centroid_.emplace(sensor_, format_, centroid);
+  }
   slopes_.emplace(sensor_);
 }
 
@@ -75,6 +128,7 @@ Sensor MeasurementPlan::make_sensor(double gain) const {
                      .saturation_adu = kUnknown,
                      .bit_depth = 16};
   sensor.background_adu = kBiasAdu;
+  sensor.method = options_.method;
   sensor.gain_x.fill(static_cast<float>(gain));
   sensor.gain_y.fill(static_cast<float>(gain));
   return sensor;
@@ -183,12 +237,15 @@ MeasuredFrame::MeasuredFrame(const MeasurementPlan& plan)
 
 void measure_frame(const MeasurementPlan& plan, const Realisation& realisation, std::uint64_t seed,
                    MeasuredFrame& measured) {
+  const bool shaded = plan.options().pupil != Pupil::kSquare || plan.options().faded > 0.0;
+  const Image<float> left = shaded ? shade(plan, realisation.light, seed) : Image<float>();
+  const Image<float>& light = shaded ? left : realisation.light;
   if (plan.noisy()) {
-    expose_with_noise(plan, realisation.light, seed, measured.frame);
+    expose_with_noise(plan, light, seed, measured.frame);
     find_centroids(plan.centroid(), measured.frame.view(), measured.centroids);
   } else {
     Image<float> scale(plan.parameters().rows, plan.parameters().cols);
-    expose_without_noise(plan, realisation.light, measured.frame, scale);
+    expose_without_noise(plan, light, measured.frame, scale);
     find_centroids(plan.centroid(), measured.frame.view(), measured.centroids);
     for (std::size_t k = 0; k < scale.size(); ++k) measured.centroids.flux_adu[k] /= scale[k];
   }

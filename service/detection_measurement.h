@@ -19,24 +19,36 @@ namespace curlew {
 
 inline constexpr double kWithoutNoise = std::numeric_limits<double>::infinity();  ///< photons
 
-enum class CentroidMethod {
-  kPlain,        ///< centre of gravity of what exceeds the background
-  kThresholded,  ///< of what exceeds it by a number of read noises, less these
+/// Which lenslets get light.
+enum class Pupil {
+  kSquare,    ///< all
+  kRound,     ///< those whose centre lies in the array's inscribed circle
+  kObscured,  ///< of these, those beyond .3 of its radius
 };
 
 struct MeasurementOptions {
-  double photons = 1000.0;    ///< a lenslet of amplitude 1; infinite: no noise, and kPlain
+  double photons = 1000.0;    ///< a lenslet of amplitude 1; infinite: no noise, and no threshold
   double read_noise_e = 1.0;  ///< rms
   CentroidMethod method = CentroidMethod::kThresholded;
-  double threshold_noise = 3.0;  ///< read noises, of kThresholded
+  double threshold_noise = 3.0;  ///< read noises, of all but kPlain
+  // See CentroidOptions.
+  double spot_sigma_px = 0.0;
+  double reference_pull = 3.0;
+  int brightest_pixels = 0;
+  Pupil pupil = Pupil::kSquare;
+  double faded = 0.0;  ///< part of the pupil's lenslets, drawn anew in every frame, that are dark
 };
+
+/// 1 where a lenslet lies in the pupil, [rows, cols].
+Image<std::uint8_t> pupil_mask(Pupil pupil, int rows, int cols);
 
 /// All that does not change from frame to frame. Const after construction, shared by threads.
 ///
 /// The sensor is ideal but for its windows: references where a plane wave's spots lie; one gain for
 /// all, measured with tilts of ±.25 rad a pitch at the very flux and threshold. Counts are fine
 /// enough (.25 electrons or less) and range far enough for neither to matter. Lenslets are neither
-/// dropped for faintness nor at their window's edge: vortices sit in the dark.
+/// dropped for faintness nor at their window's edge: vortices sit in the dark. Those outside the
+/// pupil the sensor does not have.
 class MeasurementPlan {
  public:
   /// Throws UsageError on numbers that make no sense.
@@ -86,9 +98,10 @@ struct MeasuredFrame {
   HodgeSplit split;  ///< of these slopes
 };
 
-/// Draws the noise of (seed, photons) and measures. The same arguments give the same bits. One plan
-/// and realisation serve many threads, each with a MeasuredFrame of its own. Half a ms
-/// a frame of 16×16 lenslets with noise, which is drawing photons; .06 ms without.
+/// Draws the faded lenslets of the seed and the noise of (seed, photons), and measures. The same
+/// arguments give the same bits. One plan and realisation serve many threads, each with a
+/// MeasuredFrame of its own. Half a ms a frame of 16×16 lenslets with noise, which is drawing
+/// photons; .06 ms without.
 void measure_frame(const MeasurementPlan& plan, const Realisation& realisation, std::uint64_t seed,
                    MeasuredFrame& measured);
 

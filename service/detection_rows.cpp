@@ -4,11 +4,14 @@
 #include <cmath>
 #include <memory>
 #include <mutex>
+#include <sstream>
 #include <utility>
 
 #include "detect/circulation.h"
+#include "detect/false_alarm_control.h"
 #include "detect/vortex_classifier.h"
 #include "detect/vortex_finder.h"
+#include "detect/whitened_finder.h"
 #include "service/spot_camera.h"
 
 namespace curlew {
@@ -151,6 +154,22 @@ std::vector<Candidate> peaks_of_spread(const MeasuredFrame& frame) {
   return found;
 }
 
+/// Slopes of the lenslets that have light, as the pipeline has them.
+SlopeField lit_slopes(const MeasuredFrame& frame) {
+  SlopeField slopes = frame.slopes;
+  slopes.n_valid = 0;
+  for (std::size_t k = 0; k < slopes.valid.size(); ++k) {
+    const bool lit = frame.centroids.state[k] == LensletState::kValid;
+    slopes.valid[k] = lit ? 1 : 0;
+    slopes.n_valid += lit ? 1 : 0;
+    if (lit) continue;
+    for (Image<float>* map :
+         {&slopes.x, &slopes.y, &slopes.variance_x, &slopes.variance_y, &slopes.covariance_xy})
+      (*map)[k] = 0.0F;
+  }
+  return slopes;
+}
+
 /// find_vortices with its threshold far down, on the lenslets that have light alone.
 class ShippedDetector {
  public:
@@ -159,9 +178,7 @@ class ShippedDetector {
               plan.sensor().valid.size()) {}
 
   std::vector<Candidate> operator()(const MeasuredFrame& frame) const {
-    SlopeField slopes = frame.slopes;
-    for (std::size_t k = 0; k < slopes.valid.size(); ++k)
-      slopes.valid[k] = frame.centroids.state[k] == LensletState::kValid ? 1 : 0;
+    const SlopeField slopes = lit_slopes(frame);
     CirculationMap map(slopes.rows(), slopes.cols());
     circulate(slopes, map);
     VortexList vortices(plan_.capacity());
@@ -184,7 +201,38 @@ class ShippedDetector {
   DetectPlan plan_;
 };
 
-/// classify_vortices, however unlikely what it sees.
+/// find_whitened_vortices, however unlikely what it sees, on the lenslets that have light. Close
+/// pairs stay two.
+class WhitenedDetector {
+ public:
+  WhitenedDetector(const MeasurementPlan& plan, double false_alarms_per_frame)
+      : plan_(std::make_shared<const WhitenedPlan>(
+            WhitenedOptions{.false_alarms_per_frame = false_alarms_per_frame,
+                            .min_probability = 0.005,
+                            .pair_sigmas = 0.0},
+            plan.sensor().valid, plan.sensor().valid.size())) {}
+
+  std::vector<Candidate> operator()(const MeasuredFrame& frame) const {
+    const SlopeField slopes = lit_slopes(frame);
+    CirculationMap map(slopes.rows(), slopes.cols());
+    circulate(slopes, map);
+    WhitenedWorkspace workspace(*plan_);
+    VortexList vortices(plan_->capacity());
+    find_whitened_vortices(*plan_, slopes, frame.centroids.flux_adu, map, workspace, vortices);
+    std::vector<Candidate> found;
+    for (const Vortex& vortex : vortices) {
+      if (vortex.charge == 0) continue;
+      found.push_back({static_cast<double>(vortex.x), static_cast<double>(vortex.y), vortex.charge,
+                       static_cast<double>(vortex.probability)});
+    }
+    return found;
+  }
+
+ private:
+  std::shared_ptr<const WhitenedPlan> plan_;
+};
+
+/// classify_vortices, however unlikely what it sees. Unresolved pairs are no candidates.
 class ClassifierDetector {
  public:
   explicit ClassifierDetector(const MeasurementPlan& plan)
@@ -198,6 +246,7 @@ class ClassifierDetector {
                       buffers->workspace, buffers->vortices);
     std::vector<Candidate> found;
     for (const Vortex& vortex : buffers->vortices) {
+      if (vortex.charge == 0) continue;
       found.push_back({static_cast<double>(vortex.x), static_cast<double>(vortex.y), vortex.charge,
                        static_cast<double>(vortex.probability)});
     }
@@ -236,10 +285,41 @@ class ClassifierDetector {
   std::shared_ptr<Buffers> buffers_;
 };
 
+/// A detector's candidates whose nearest node has a D of their sign that passes the control.
+class ControlledDetector {
+ public:
+  ControlledDetector(const MeasurementPlan& plan, double false_alarms_per_frame,
+                     DetectorRow detector)
+      : plan_({.false_alarms_per_frame = false_alarms_per_frame}, plan.sensor().valid, 1),
+        detector_(std::move(detector)) {}
+
+  std::vector<Candidate> operator()(const MeasuredFrame& frame) const {
+    const SlopeField slopes = lit_slopes(frame);
+    CirculationMap map(slopes.rows(), slopes.cols());
+    circulate(slopes, map);
+    Image<std::int8_t> marks(map.value.rows(), map.value.cols());
+    mark_significant(map, plan_.threshold_sigmas(map.n_valid), marks);
+    std::vector<Candidate> found = detector_.find(frame);
+    std::erase_if(found, [&](const Candidate& candidate) {
+      const int row = std::clamp(static_cast<int>(candidate.y), 0, marks.rows() - 1);
+      const int col = std::clamp(static_cast<int>(candidate.x), 0, marks.cols() - 1);
+      return marks(row, col) != candidate.charge;
+    });
+    return found;
+  }
+
+ private:
+  DetectPlan plan_;
+  DetectorRow detector_;
+};
+
+constexpr double kUncontrolled = 1e9;  // false alarms a frame: more than noise can make
+
 }  // namespace
 
-std::vector<DetectorRow> make_detector_rows(const MeasurementPlan& plan) {
-  return {
+std::vector<DetectorRow> make_detector_rows(const MeasurementPlan& plan,
+                                            const std::vector<double>& controlled_rates) {
+  std::vector<DetectorRow> rows{
       {"d", "|D|, at the node", peaks_of_circulation},
       {"d_centroid", "|D|, at the centroid of 3x3 nodes", peaks_with_centroid},
       {"sum_2x2", "|sum of D round a lenslet|, at its centre", peaks_of_four},
@@ -252,8 +332,21 @@ std::vector<DetectorRow> make_detector_rows(const MeasurementPlan& plan) {
        extrema_of_potential},
       {"spread", "spot spread, sign by the circulation around (Kalensky 2023)", peaks_of_spread},
       {"shipped", "find_vortices: |D| over its sigma", ShippedDetector(plan)},
+      {"whitened", "find_whitened_vortices: matched filter on D, whitened by flux",
+       WhitenedDetector(plan, kUncontrolled)},
       {"classifier", "classify_vortices: a trained network on 4x4 spots", ClassifierDetector(plan)},
   };
+  const DetectorRow classifier = rows.back();
+  for (const double rate : controlled_rates) {
+    std::ostringstream suffix;
+    suffix << '@' << rate;
+    rows.push_back({"whitened" + suffix.str(), "whitened, its t past the threshold of that rate",
+                    WhitenedDetector(plan, rate)});
+    rows.push_back({"classifier" + suffix.str(),
+                    "classifier, D over its sigma past the threshold of that rate",
+                    ControlledDetector(plan, rate, classifier)});
+  }
+  return rows;
 }
 
 }  // namespace curlew

@@ -20,6 +20,9 @@ struct DetectorRow {
 };
 
 /// All detectors for frames of this plan, which must outlive them. A new detector is a new entry.
-std::vector<DetectorRow> make_detector_rows(const MeasurementPlan& plan);
+/// For each of controlled_rates, false alarms a frame in slope noise alone, there are the last two
+/// again, held to it: "whitened@RATE" and "classifier@RATE".
+std::vector<DetectorRow> make_detector_rows(const MeasurementPlan& plan,
+                                            const std::vector<double>& controlled_rates = {});
 
 }  // namespace curlew

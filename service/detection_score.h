@@ -1,6 +1,7 @@
 // Detection scores: what a detector's candidates are worth against the true vortices.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -8,6 +9,7 @@
 #include <vector>
 
 #include "acquisition/field.h"
+#include "core/image.h"
 
 namespace curlew {
 
@@ -41,13 +43,23 @@ struct GradedVortex {
 std::vector<GradedVortex> grade_vortices(std::span<const SceneVortex> vortices);
 
 /// Where vortices and candidates count: the square of the array's nodes, [½, n − 1½] in lenslet
-/// units along an axis of n lenslets, which is [1, n − 1] from the array's edge.
+/// units along an axis of n lenslets, which is [1, n − 1] from the array's edge. With a pupil: the
+/// lenslets of that square that have all eight round them in the pupil, so that every node at their
+/// corners has its four lenslets. In a square pupil that is the same.
 struct Interior {
   int rows = 0;  ///< lenslets
   int cols = 0;
+  const Image<std::uint8_t>* pupil = nullptr;  ///< [rows, cols], 0 outside; null: all is inside
 
   bool contains(double x, double y) const {
-    return x >= 0.5 && x <= cols - 1.5 && y >= 0.5 && y <= rows - 1.5;
+    if (!(x >= 0.5 && x <= cols - 1.5 && y >= 0.5 && y <= rows - 1.5)) return false;
+    if (pupil == nullptr) return true;
+    const int row = std::min(static_cast<int>(y + 0.5), rows - 2);  // on the far side: the last
+    const int col = std::min(static_cast<int>(x + 0.5), cols - 2);
+    bool inside = true;
+    for (int r = row - 1; r <= row + 1; ++r)
+      for (int c = col - 1; c <= col + 1; ++c) inside = inside && (*pupil)(r, c) != 0;
+    return inside;
   }
 };
 

@@ -22,9 +22,6 @@ struct TrainingOptions {
   int threads = 1;  ///< that simulate fields; training itself takes one
 };
 
-/// The parameters of training realisation `index`.
-FieldParameters training_field(int index);
-
 /// How good a network is on validation fields, behind one turbulence and at one flux.
 struct ValidationScore {
   double rytov_variance = 0.0;

@@ -70,15 +70,19 @@ void JsonLines::add(const FrameResult& result) {
   for (const Vortex& v : result.vortices) {
     const auto pixel =
         result.grid.pixel_from_lenslet(static_cast<double>(v.x), static_cast<double>(v.y));
-    vortices.push_back({{"x", number(v.x)},
-                        {"y", number(v.y)},
-                        {"charge", v.charge},
-                        {"circulation", number(v.circulation)},
-                        {"significance", number(v.significance)},
-                        {"x_px", pixel[0]},
-                        {"y_px", pixel[1]},
-                        {"flags", v.flags},
-                        {"track", v.track}});
+    vortices.push_back(
+        {{"x", number(v.x)},
+         {"y", number(v.y)},
+         {"charge", v.charge},
+         {"circulation", number(v.circulation)},
+         {"significance", number(v.significance)},
+         {"x_px", pixel[0]},
+         {"y_px", pixel[1]},
+         {"flags", v.flags},
+         {"track", v.track},
+         {"probability", v.probability < 0.0F ? nlohmann::json(nullptr) : number(v.probability)},
+         {"vx", number(v.velocity_x)},
+         {"vy", number(v.velocity_y)}});
   }
   auto& latency = line["latency_us"] = nlohmann::ordered_json::object();
   for (std::size_t stage = 0; stage < kStageCount; ++stage)

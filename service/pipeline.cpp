@@ -39,10 +39,18 @@ Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
   current_ = sets_.back().get();
 }
 
-std::unique_ptr<Pipeline::SlotSet> Pipeline::make_slots(std::shared_ptr<const Plan> plan) const {
+std::unique_ptr<Pipeline::SlotSet> Pipeline::make_slots(std::shared_ptr<const Plan> plan) {
+  constexpr int kTracksOfASet = 40;  // bits: track numbers are never given again
   auto set = std::make_unique<SlotSet>();
+  if (plan->detect.options().track) {
+    set->tracker = std::make_unique<VortexTracker>(plan->tracker, plan->grid.rows, plan->grid.cols,
+                                                   plan->detect.candidate_capacity());
+    set->tracker->number_from(sets_made_ << kTracksOfASet);
+  }
+  ++sets_made_;
   const std::size_t slots = options_.threads == Threading::kInline ? 1 : options_.slots;
-  for (std::size_t i = 0; i < slots; ++i) set->slots.push_back(std::make_unique<FrameSlot>(*plan));
+  for (std::size_t i = 0; i < slots; ++i)
+    set->slots.push_back(std::make_unique<FrameSlot>(*plan, set->tracker.get()));
   set->plan = std::move(plan);
   return set;
 }

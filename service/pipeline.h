@@ -59,11 +59,12 @@ class Pipeline {
   /// A plan and the slots made for it.
   struct SlotSet {
     std::shared_ptr<const Plan> plan;
+    std::unique_ptr<VortexTracker> tracker;  ///< none: the plan does not track
     std::vector<std::unique_ptr<FrameSlot>> slots;
     std::size_t in_use = 0;  ///< of the slots, the first ones; the feeding thread's
   };
 
-  std::unique_ptr<SlotSet> make_slots(std::shared_ptr<const Plan> plan) const;
+  std::unique_ptr<SlotSet> make_slots(std::shared_ptr<const Plan> plan);
   void start_sets();
   FrameSlot* renewed(FrameSlot* slot) noexcept;
   void run_inline(Feed& feed, const Publisher& publisher);
@@ -75,6 +76,7 @@ class Pipeline {
   PipelineOptions options_;
   PipelineThreadStart thread_start_;
   std::vector<std::unique_ptr<SlotSet>> sets_;  ///< touched by adopt() only, once made
+  std::int64_t sets_made_ = 0;                  ///< likewise
   SlotSet* current_ = nullptr;                  ///< the run's
   std::atomic<SlotSet*> pending_{nullptr};      ///< what is being taken up
   RunReport report_;

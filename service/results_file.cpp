@@ -35,6 +35,9 @@ std::vector<float> solenoidal_plane(const FrameSlot& slot) {
 std::vector<float> phase_plane(const FrameSlot& slot) {
   return lenslet_planes(slot, {&slot.split.phase});
 }
+std::vector<float> whole_phase_plane(const FrameSlot& slot) {
+  return lenslet_planes(slot, {&slot.whole_phase});
+}
 std::vector<float> flux_plane(const FrameSlot& slot) {
   std::vector<float> plane;
   append_masked(plane, slot.centroids.flux_adu,
@@ -73,13 +76,15 @@ SaveOptions save_options_from(const std::vector<std::string>& words) {
       save.flux = true;
     } else if (word == "phase") {
       save.phase = true;
+    } else if (word == "whole_phase") {
+      save.whole_phase = true;
     } else if (word == "solenoidal") {
       save.solenoidal = true;
     } else if (word == "circulation") {
       save.circulation = true;
     } else {
       throw UsageError("--save: '" + word +
-                       "' is none of slopes, flux, phase, solenoidal, circulation");
+                       "' is none of slopes, flux, phase, whole_phase, solenoidal, circulation");
     }
   }
   return save;
@@ -106,7 +111,13 @@ ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOp
                                  {"X_PX", 'D', "pix"},
                                  {"Y_PX", 'D', "pix"},
                                  {"FLAGS", 'J', ""},
-                                 {"TRACK", 'K', ""}}),
+                                 {"TRACK", 'K', ""},
+                                 {"PROBABILITY", 'D', ""},
+                                 {"VAR_X", 'D', ""},
+                                 {"VAR_Y", 'D', ""},
+                                 {"COV_XY", 'D', ""},
+                                 {"VX", 'D', "s-1"},
+                                 {"VY", 'D', "s-1"}}),
       hole_table_("HOLES", {{"FRAME", 'K', ""},
                             {"HOLE", 'J', ""},
                             {"CIRCULATION", 'D', "rad"},
@@ -136,6 +147,7 @@ ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOp
   add_cube(save.slopes, "SLOPES", "rad", {2, rows, cols}, slopes_plane);
   add_cube(save.flux, "FLUX", "adu", {rows, cols}, flux_plane);
   add_cube(save.phase, "PHASE", "rad", {rows, cols}, phase_plane);
+  add_cube(save.whole_phase, "WHOLE_PHASE", "rad", {rows, cols}, whole_phase_plane);
   add_cube(save.solenoidal, "SOLENOIDAL", "rad", {2, rows, cols}, solenoidal_plane);
   add_cube(save.circulation, "CIRCULATION", "rad", {rows - 1, cols - 1}, circulation_plane);
 }
@@ -154,7 +166,8 @@ void ResultsFile::add(const FrameSlot& slot) {
   for (const Vortex& v : slot.vortices) {
     const auto pixel = grid_.pixel_from_lenslet(static_cast<double>(v.x), static_cast<double>(v.y));
     vortex_table_.append(frame, v.x, v.y, v.charge, v.circulation, v.significance, pixel[0],
-                         pixel[1], v.flags, v.track);
+                         pixel[1], v.flags, v.track, v.probability, v.variance_x, v.variance_y,
+                         v.covariance_xy, v.velocity_x, v.velocity_y);
   }
   for (std::size_t hole = 0; hole < slot.split.holes.size(); ++hole) {
     const HoleCirculation& h = slot.split.holes[hole];

@@ -16,11 +16,13 @@ struct SaveOptions {
   bool slopes = false;
   bool flux = false;
   bool phase = false;
+  bool whole_phase = false;  ///< of plans with a hidden phase
   bool solenoidal = false;
   bool circulation = false;
 };
 
-/// "slopes,flux,phase,solenoidal,circulation" or some of these; UsageError names an unknown word.
+/// "slopes,flux,phase,whole_phase,solenoidal,circulation" or some of these; UsageError names an
+/// unknown word.
 SaveOptions save_options_from(const std::vector<std::string>& words);
 
 /// Writes images frame by frame and the tables, kept in memory until then, at commit(). Nothing

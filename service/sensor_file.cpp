@@ -1,5 +1,6 @@
 #include "service/sensor_file.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <span>
@@ -82,6 +83,9 @@ void write_sensor(const std::string& path, const Sensor& sensor) {
   file.write_key("LAYOUT", std::string("SQUARE"));
   file.write_key("RESIDUAL", sensor.residual_px, "rms of the spots from the grid", "pix");
   file.write_key("BACKGRND", sensor.background_adu, "subtracted where there is no dark", "adu");
+  if (std::isfinite(sensor.spot_blur_px))
+    file.write_key("SPOTBLUR", sensor.spot_blur_px, "sigma of the spots beyond diffraction", "pix");
+  file.write_key("CENTROID", std::string(name_of(sensor.method)), "method that GAIN is of");
 
   const Image<float>& any = sensor.ref_x_px;
   write_image(file, ElementType::kF32, sensor.ref_x_px, "REFX", "pix");
@@ -134,6 +138,12 @@ Sensor read_sensor(const std::string& path) {
   const std::string layout = file.key_string("LAYOUT").value_or("SQUARE");
   if (layout != "SQUARE")
     throw Failure(path + ": lenslet layout " + layout + " is not supported, only SQUARE is");
+  sensor.spot_blur_px = file.key_double("SPOTBLUR").value_or(kUnknown);
+  const std::string method = file.key_string("CENTROID").value_or("thresholded");
+  const auto known = std::find(kCentroidMethodNames.begin(), kCentroidMethodNames.end(), method);
+  if (known == kCentroidMethodNames.end())
+    throw Failure(path + ": centroid method " + method + " is not known, calibrate again");
+  sensor.method = static_cast<CentroidMethod>(known - kCentroidMethodNames.begin());
 
   sensor.ref_x_px = read_image<float>(file, "REFX", rows, cols);
   sensor.ref_y_px = read_image<float>(file, "REFY", rows, cols);

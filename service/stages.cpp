@@ -1,9 +1,5 @@
 #include "service/stages.h"
 
-#include <algorithm>
-
-#include "detect/circulation.h"
-
 namespace curlew {
 namespace {
 
@@ -14,15 +10,39 @@ void centroid(const Plan& plan, FrameSlot& slot) noexcept {
 
 void slopes(const Plan& plan, FrameSlot& slot) noexcept {
   measure_slopes(plan.slopes, slot.centroids, slot.slopes);
+  measure_weak_slopes(plan.slopes, slot.centroids, slot.weak_slopes);
 }
 
 void detect(const Plan& plan, FrameSlot& slot) noexcept {
-  circulate(slot.slopes, slot.circulation);
-  find_vortices(plan.detect, slot.circulation, slot.vortices);
+  detect_candidates(plan.detect, slot.frame->view(), slot.centroids, slot.weak_slopes,
+                    slot.detect_workspace, slot.circulation, slot.candidates);
+}
+
+/// The camera's clock, else ours, else a second a frame.
+double time_s(const FrameHeader& header) noexcept {
+  if (header.camera_ns != 0) return 1e-9 * static_cast<double>(header.camera_ns);
+  if (header.received_ns != 0) return 1e-9 * static_cast<double>(header.received_ns);
+  return static_cast<double>(header.sequence);
+}
+
+void track(const Plan& plan, FrameSlot& slot) noexcept {
+  if (slot.tracker != nullptr) {
+    slot.tracked.assign(slot.candidates);
+    slot.tracker->update(time_s(slot.frame->header), slot.tracked);
+    slot.vortices.assign(slot.tracked);
+  } else {
+    choose_probable(plan.detect, slot.candidates, slot.vortices);
+  }
 }
 
 void split(const Plan& plan, FrameSlot& slot) noexcept {
   split_slopes(plan.split, slot.slopes, slot.split_workspace, slot.split);
+}
+
+void hidden(const Plan& plan, FrameSlot& slot) noexcept {
+  if (!plan.hidden_phase || !slot.hidden_phase_workspace) return;
+  add_hidden_phase(*plan.hidden_phase, slot.candidates, slot.slopes, slot.centroids.flux_adu,
+                   slot.split, *slot.hidden_phase_workspace, slot.whole_phase);
 }
 
 }  // namespace
@@ -32,24 +52,38 @@ const std::array<Stage, kStageCount> kStages = {{
     {"centroid", centroid},
     {"slopes", slopes},
     {"detect", detect},
+    {"track", track},
     {"split", split},
+    {"hidden", hidden},
 }};
 
 Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config)
     : grid(sensor.grid),
+      tracker(config.tracker),
       centroid(sensor, format, config.centroid),
       slopes(sensor),
-      detect(config.detect, sensor.valid,
-             std::min(config.pipeline.max_vortices, sensor.valid.size())),
-      split(sensor.valid, config.split) {}
+      detect(sensor, format, config),
+      split(sensor.valid, config.split) {
+  if (config.hidden_phase)
+    hidden_phase.emplace(split, HiddenPhaseOptions{}, detect.candidate_capacity());
+}
 
-FrameSlot::FrameSlot(const Plan& plan_of_slot)
+FrameSlot::FrameSlot(const Plan& plan_of_slot, VortexTracker* frames_tracker)
     : plan(&plan_of_slot),
+      tracker(frames_tracker),
       centroids(plan->grid.rows, plan->grid.cols),
       slopes(plan->grid.rows, plan->grid.cols),
+      weak_slopes(plan->grid.rows, plan->grid.cols),
+      detect_workspace(plan->detect),
       circulation(plan->grid.rows, plan->grid.cols),
+      candidates(plan->detect.candidate_capacity()),
+      tracked(tracker != nullptr ? plan->detect.candidate_capacity() : 0),
       vortices(plan->detect.capacity()),
       split_workspace(plan->split),
-      split(plan->grid.rows, plan->grid.cols) {}
+      split(plan->grid.rows, plan->grid.cols) {
+  if (!plan->hidden_phase) return;
+  hidden_phase_workspace.emplace(*plan->hidden_phase);
+  whole_phase = Image<float>(plan->grid.rows, plan->grid.cols);
+}
 
 }  // namespace curlew

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <span>
 
+#include "service/detection_score.h"
 #include "service/stages.h"
 #include "service/truth.h"
 
@@ -13,7 +14,11 @@ namespace curlew {
 /// known, and counts hits and false alarms over all frames.
 class VortexPrinter {
  public:
-  VortexPrinter(const Truth& truth, std::int64_t show) : truth_(truth), show_(show) {}
+  VortexPrinter(const Truth& truth, const VortexOptions& options, std::int64_t show)
+      : truth_(truth),
+        show_probability_(options.method != DetectMethod::kCirculation),
+        show_track_(options.track),
+        show_(show) {}
 
   void add(const FrameSlot& slot);
   void summarize() const;
@@ -23,11 +28,14 @@ class VortexPrinter {
              const TruthMatch& match) const;
 
   const Truth& truth_;
+  bool show_probability_;
+  bool show_track_;
   std::int64_t show_;
-  std::int64_t shown_ = 0;  ///< frames with vortices, printed or not
-  std::int64_t hits_ = 0;
-  std::int64_t found_ = 0;
-  std::int64_t true_ = 0;
+  std::int64_t shown_ = 0;     ///< frames with vortices, printed or not
+  std::int64_t hits_ = 0;      ///< of true vortices that can be asked of a detector
+  std::int64_t required_ = 0;  ///< these: not in pairs closer than kClosestRequiredPair
+  std::int64_t true_ = 0;      ///< all
+  std::int64_t false_ = 0;
   double square_error_ = 0.0;
 };
 

@@ -119,5 +119,34 @@ int main() {
   }
   for (const auto& line : lines) std::puts(line.c_str());
   std::puts("median, best; ratio of medians to plain C at -O3 and with best flags");
+
+  std::puts("\nmethods, without maps: median us, ratio to thresholded");
+  std::vector<std::string> methods(curlew::kCentroidMethodNames.begin(),
+                                   curlew::kCentroidMethodNames.end());
+  for (auto& line : methods) line.resize(24, ' ');
+  for (const auto& which : curlew::kBenchCases) {
+    const curlew::BenchFrame frame =
+        curlew::make_bench_frame(which, curlew::BenchSlopes::kRandom, 1);
+    curlew::Centroids centroids(which.rows, which.cols);
+    std::vector<curlew::CentroidPlan> plans;
+    for (std::size_t i = 0; i < methods.size(); ++i) {
+      curlew::Sensor sensor = curlew::tiled_sensor(which);
+      sensor.method = static_cast<curlew::CentroidMethod>(i);
+      curlew::CentroidOptions options{.threshold_adu = curlew::kBenchThresholdAdu};
+      options.method = sensor.method;
+      plans.emplace_back(sensor, frame.format, options);
+    }
+    std::vector<std::function<void()>> runs;
+    for (const auto& plan : plans)
+      runs.emplace_back([&] { curlew::find_centroids(plan, frame.view(), centroids); });
+    const auto timings = time_interleaved(runs, 100);
+    for (std::size_t i = 0; i < methods.size(); ++i) {
+      char cell[64];
+      std::snprintf(cell, sizeof cell, " %9.1f us  x%5.2f       ", timings[i].median_us,
+                    timings[i].median_us / timings[0].median_us);
+      methods[i] += cell;
+    }
+  }
+  for (const auto& line : methods) std::puts(line.c_str());
   return 0;
 }

@@ -129,5 +129,49 @@ TEST(Slopes, UnknownOpticsAreRefused) {
   EXPECT_THROW(SlopePlan{sensor}, Failure);
 }
 
+// Weak spots count for those who can do with them, and for the others are missing.
+TEST(WeakSlopes, AreTheSlopesOfWeakSpotsToo) {
+  const Sensor sensor = tiled_sensor({1, 6, 16});
+  const SlopePlan plan(sensor);
+  Centroids centroids(1, 6);
+  const LensletState states[] = {LensletState::kValid,     LensletState::kFaint,
+                                 LensletState::kAtEdge,    LensletState::kFaint,
+                                 LensletState::kSaturated, LensletState::kBadPixels};
+  for (int c = 0; c < 6; ++c) {
+    centroids.state(0, c) = states[c];
+    const bool dark = c >= 3;
+    centroids.flux_adu(0, c) = dark ? 0.0F : 50.0F;
+    centroids.x_px(0, c) = dark ? 0.0F : plan.ref_x_px(0, c) + 0.5F;
+    centroids.y_px(0, c) = dark ? 0.0F : plan.ref_y_px(0, c) - 0.25F;
+    centroids.variance_x_px2(0, c) = dark || c == 2 ? 0.0F : 0.2F;
+  }
+  SlopeField strict(1, 6);
+  SlopeField weak(1, 6);
+  measure_slopes(plan, centroids, strict);
+  measure_weak_slopes(plan, centroids, weak);
+  EXPECT_EQ(strict.n_valid, 1);
+  EXPECT_EQ(weak.n_valid, 4);
+  const auto s = static_cast<float>(sensor.optics.slope_rad_per_px());
+  EXPECT_EQ(weak.x(0, 0), strict.x(0, 0));
+  EXPECT_EQ(weak.variance_x(0, 0), strict.variance_x(0, 0));
+  for (const int c : {1, 2}) {
+    EXPECT_EQ(strict.valid(0, c), 0);
+    EXPECT_EQ(strict.x(0, c), 0.0F);
+    EXPECT_EQ(weak.valid(0, c), 1);
+    EXPECT_NEAR(weak.x(0, c), 0.5F * s, 1e-5F * s);
+    EXPECT_NEAR(weak.y(0, c), -0.25F * s, 1e-5F * s);
+    // No better known than to a pixel.
+    EXPECT_NEAR(weak.variance_x(0, c), (c == 1 ? 0.2F : 1.0F / 12.0F) * s * s, 1e-5F * s * s);
+    EXPECT_NEAR(weak.variance_y(0, c), s * s / 12.0F, 1e-5F * s * s);
+  }
+  EXPECT_EQ(weak.valid(0, 3), 1);
+  EXPECT_EQ(weak.x(0, 3), 0.0F);
+  EXPECT_NEAR(weak.variance_x(0, 3), 16.0F * 16.0F * s * s / 12.0F, 1e-3F * s * s);
+  for (const int c : {4, 5}) {
+    EXPECT_EQ(weak.valid(0, c), 0);
+    EXPECT_EQ(weak.variance_x(0, c), 0.0F);
+  }
+}
+
 }  // namespace
 }  // namespace curlew

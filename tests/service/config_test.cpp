@@ -22,6 +22,7 @@ std::string usage_error(const std::string& toml) {
 TEST(Config, WhatIsWrittenReadsBack) {
   Config config;
   config.centroid.threshold_noise = 4.5;
+  config.centroid.method = CentroidMethod::kMaximumLikelihood;
   config.split.weighted = true;
   config.detect.false_alarms_per_frame = 0.25;
   config.pipeline.threads = Threading::kPerStage;
@@ -44,6 +45,7 @@ TEST(Config, WhatIsWrittenReadsBack) {
   EXPECT_EQ(back.daemon.sensor, config.daemon.sensor);
   EXPECT_EQ(back.camera.features, config.camera.features);
   EXPECT_EQ(back.camera.trigger, Trigger::kSoftware);
+  EXPECT_EQ(back.centroid.method, CentroidMethod::kMaximumLikelihood);
   EXPECT_EQ(back.recorder.mode, RecordMode::kTrigger);
 }
 

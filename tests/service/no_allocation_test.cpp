@@ -43,16 +43,48 @@ TEST(NoAllocation, TheCounterCounts) {
   EXPECT_EQ(allocations, 2);
 }
 
-class NoAllocationModes : public ::testing::TestWithParam<std::tuple<Threading, bool>> {};
+TEST(NoAllocation, NoCentroidMethodAllocates) {
+  if (!kCountsAllocations) GTEST_SKIP() << "the sanitizer owns malloc";
+  Simulator simulator(busy_scene());
+  Sensor sensor = sensor_of(simulator, kWindow, 100.0);
+  FrameBuffer frame(simulator.format());
+  Centroids centroids(sensor.valid.rows(), sensor.valid.cols());
+  for (std::size_t i = 0; i < kCentroidMethodNames.size(); ++i) {
+    SCOPED_TRACE(kCentroidMethodNames[i]);
+    CentroidOptions options;
+    options.method = sensor.method = static_cast<CentroidMethod>(i);
+    const CentroidPlan plan(sensor, simulator.format(), options);
+    ASSERT_EQ(simulator.next(frame), Delivery::kFrame);
+    find_centroids(plan, frame.view(), centroids);  // chooses the instruction set
+    allocations = 0;
+    counting = true;
+    find_centroids(plan, frame.view(), centroids);
+    counting = false;
+    EXPECT_EQ(allocations, 0);
+    EXPECT_GT(centroids.n_valid, 0);
+  }
+}
+
+class NoAllocationModes
+    : public ::testing::TestWithParam<std::tuple<Threading, bool, DetectMethod>> {
+ protected:
+  /// Tracks and the hidden phase with the methods that are good for them.
+  static Config config() {
+    const auto [threads, weighted, method] = GetParam();
+    Config config;
+    config.split.weighted = weighted;
+    config.pipeline.threads = threads;
+    config.vortices.method = method;
+    config.vortices.track = config.hidden_phase = method != DetectMethod::kCirculation;
+    return config;
+  }
+};
 
 TEST_P(NoAllocationModes, AThousandFrames) {
   if (!kCountsAllocations) GTEST_SKIP() << "the sanitizer owns malloc";
-  const auto [threads, weighted] = GetParam();
   Simulator simulator(busy_scene());
   const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
-  Config config;
-  config.split.weighted = weighted;
-  config.pipeline.threads = threads;
+  const Config config = NoAllocationModes::config();
   const auto plan = std::make_shared<const Plan>(sensor, simulator.format(), config);
   Pipeline pipeline(plan, config.pipeline);
   RecordedFeed feed(simulator, {0.0, 1100});
@@ -74,12 +106,9 @@ TEST_P(NoAllocationModes, AThousandFrames) {
 
 TEST_P(NoAllocationModes, AThousandLiveFrames) {
   if (!kCountsAllocations) GTEST_SKIP() << "the sanitizer owns malloc";
-  const auto [threads, weighted] = GetParam();
   auto simulator = std::make_unique<Simulator>(busy_scene());
   const FrameFormat format = simulator->format();
-  Config config;
-  config.split.weighted = weighted;
-  config.pipeline.threads = threads;
+  const Config config = NoAllocationModes::config();
   const auto plan =
       std::make_shared<const Plan>(sensor_of(*simulator, kWindow, 100.0), format, config);
   Pipeline pipeline(plan, config.pipeline);
@@ -103,10 +132,12 @@ TEST_P(NoAllocationModes, AThousandLiveFrames) {
   EXPECT_EQ(allocations, 0);
 }
 
-INSTANTIATE_TEST_SUITE_P(Modes, NoAllocationModes,
-                         ::testing::Combine(::testing::Values(Threading::kInline,
-                                                              Threading::kPerStage),
-                                            ::testing::Bool()));
+INSTANTIATE_TEST_SUITE_P(
+    Modes, NoAllocationModes,
+    ::testing::Combine(::testing::Values(Threading::kInline, Threading::kPerStage),
+                       ::testing::Bool(),
+                       ::testing::Values(DetectMethod::kCirculation, DetectMethod::kWhitened,
+                                         DetectMethod::kClassifier)));
 
 }  // namespace
 }  // namespace curlew

@@ -49,6 +49,7 @@ std::string bytes_of(const FrameSlot& slot) {
         &slot.circulation.value, &slot.split.phase, &slot.split.solenoidal_x,
         &slot.split.potential})
     add_image(*image);
+  add_image(slot.whole_phase);
   for (const HoleCirculation& hole : slot.split.holes) add(&hole.circulation, sizeof(float));
   return bytes;
 }
@@ -58,11 +59,13 @@ struct Collected {
   RunReport report;
 };
 
-Collected run(Threading threads, std::size_t slots) {
+Collected run(Threading threads, std::size_t slots, DetectMethod method) {
   Simulator simulator(moving_vortices(200));
   const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
   Config config;
   config.split.weighted = true;
+  config.vortices.method = method;
+  config.vortices.track = config.hidden_phase = method != DetectMethod::kCirculation;
   config.pipeline.threads = threads;
   config.pipeline.slots = slots;
   Pipeline pipeline(std::make_shared<const Plan>(sensor, simulator.format(), config),
@@ -75,18 +78,24 @@ Collected run(Threading threads, std::size_t slots) {
   return collected;
 }
 
-TEST(Pipeline, PerStageIsInlineBitForBit) {
-  const Collected one = run(Threading::kInline, 1);
+class PipelineOfMethod : public ::testing::TestWithParam<DetectMethod> {};
+
+TEST_P(PipelineOfMethod, PerStageIsInlineBitForBit) {
+  const Collected one = run(Threading::kInline, 1, GetParam());
   ASSERT_EQ(one.frames.size(), 200U);
   EXPECT_GT(one.report.vortices, 200);
   for (const std::size_t slots : {2U, 8U}) {
-    const Collected many = run(Threading::kPerStage, slots);
+    const Collected many = run(Threading::kPerStage, slots, GetParam());
     ASSERT_EQ(many.frames.size(), one.frames.size());
     EXPECT_EQ(many.report.vortices, one.report.vortices);
     for (std::size_t i = 0; i < one.frames.size(); ++i)
       ASSERT_TRUE(many.frames[i] == one.frames[i]) << "frame " << i;
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(Methods, PipelineOfMethod,
+                         ::testing::Values(DetectMethod::kCirculation, DetectMethod::kWhitened,
+                                           DetectMethod::kClassifier));
 
 /// Counts up, and can fail.
 class CountingSource final : public FrameSource {

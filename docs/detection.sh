@@ -1,0 +1,37 @@
+#!/usr/bin/env bash
+# Everything that docs/detection.md and docs/paper.md state, measured again: under an hour on two
+# cores, most of it simulating turbulence, which is kept for the next time. --quick shows in a
+# minute or two that all of it runs. Run it by ./dev detection.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+curlew=${CURLEW:-build/release/curlew}
+python=${PYTHON:-/usr/bin/python3}
+quick=()
+[ "${1:-}" = --quick ] && { quick=(--quick); shift; }
+out=${1:-detection}
+mkdir -p "$out"
+
+measure() {  # measure <name> <command…>: prints what it says and keeps it
+  local name=$1
+  shift
+  printf '\n$ %s\n' "$*"
+  "$@" | tee "$out/$name.txt"
+}
+
+bench=("$curlew" bench)
+measure detect "${bench[@]}" detect "${quick[@]}"
+for pupil in round obscured; do
+  measure "detect_$pupil" "${bench[@]}" detect --pupil "$pupil" --faded 0.05 --rytov 2 "${quick[@]}"
+done
+measure detect_weighted "${bench[@]}" detect --centroid weighted --rytov 2 "${quick[@]}"
+# What the classifier was not taught: other lenslets, windows, samplings, fluxes.
+some=(--realisations 24 --validation 24)
+[ ${#quick[@]} -gt 0 ] && some=(--quick)
+measure detect_lenslet "${bench[@]}" detect --lenslet 0.1 --rytov 2 --photons 1000 "${some[@]}"
+measure detect_window "${bench[@]}" detect --window 8 --rytov 2 --photons 1000 "${some[@]}"
+measure detect_sampling "${bench[@]}" detect --window 10 --sampling 3 --rytov 3 --photons 500 "${some[@]}"
+measure false_alarms "${bench[@]}" false-alarms "${quick[@]}"
+measure classifier "${bench[@]}" classifier $([ ${#quick[@]} -gt 0 ] && echo --repeats 20)
+measure track "${bench[@]}" track "${quick[@]}"
+measure phase "${bench[@]}" phase "${quick[@]}"
+measure paper "$python" docs/paper_figures.py "$curlew" "$out/paper" "${quick[@]}"

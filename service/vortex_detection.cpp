@@ -1,0 +1,95 @@
+#include "service/vortex_detection.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/error.h"
+#include "detect/circulation.h"
+#include "service/spot_camera.h"
+
+namespace curlew {
+namespace {
+
+/// What tracks and the hidden phase want to know of.
+constexpr double kCandidateProbability = 0.02;
+
+/// The network knows spots along the detector's axes, as it was taught.
+void check_rotation(const Sensor& sensor) {
+  constexpr double kMostRotation_deg = 5.0;
+  if (std::abs(sensor.grid.rotation_deg()) <= kMostRotation_deg) return;
+  throw UsageError(fmt::format(
+      "the lenslets are turned by {:.1f} degrees against the detector, and the classifier knows "
+      "up to {}; turn the camera, or take another method in [detect]",
+      sensor.grid.rotation_deg(), kMostRotation_deg));
+}
+
+/// It was taught sharp spots, and takes blurred ones for vortices.
+void check_sharpness(const Sensor& sensor, double pixels_per_lambda_w) {
+  constexpr double kMostBlur = 0.3;  // of λ/w
+  const double blur = sensor.spot_blur_px / pixels_per_lambda_w;
+  if (!(blur > kMostBlur)) return;
+  throw UsageError(fmt::format(
+      "the reference spots are blurred: by a Gaussian of {:.2f} lambda/w rms beyond diffraction, "
+      "and the classifier knows up to {}; take the method whitened in [detect], or check the "
+      "optics given to 'curlew calibrate'",
+      blur, kMostBlur));
+}
+
+}  // namespace
+
+VortexDetectionPlan::VortexDetectionPlan(const Sensor& sensor, const FrameFormat& format,
+                                         const Config& config)
+    : options_(config.vortices),
+      candidate_capacity_(std::min(4 * config.pipeline.max_vortices, 2 * sensor.valid.size())),
+      circulation_(config.detect, sensor.valid,
+                   std::min(config.pipeline.max_vortices, sensor.valid.size())) {
+  const bool unlikely_too = options_.track || config.hidden_phase;
+  const double min_probability = unlikely_too
+                                     ? std::min(kCandidateProbability, options_.min_probability)
+                                     : options_.min_probability;
+  if (options_.method == DetectMethod::kClassifier) {
+    const SpotCamera camera = spot_camera(sensor);
+    check_rotation(sensor);
+    check_sharpness(sensor, camera.pixels_per_lambda_w);
+    classifier_.emplace(ClassifierOptions{.min_probability = min_probability}, camera, format);
+  } else if (options_.method == DetectMethod::kWhitened) {
+    WhitenedOptions whitened;
+    whitened.false_alarms_per_frame = config.detect.false_alarms_per_frame;
+    whitened.min_probability = min_probability;
+    whitened_.emplace(whitened, sensor.valid, candidate_capacity_);
+  }
+}
+
+VortexDetectionWorkspace::VortexDetectionWorkspace(const VortexDetectionPlan& plan) {
+  if (plan.whitened()) whitened.emplace(*plan.whitened());
+  if (plan.classifier()) classifier.emplace(*plan.classifier());
+}
+
+void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const Centroids& centroids,
+                       const SlopeField& slopes, VortexDetectionWorkspace& workspace,
+                       CirculationMap& circulation, VortexList& candidates) noexcept {
+  circulate(slopes, circulation);
+  if (plan.classifier() && workspace.classifier) {
+    classify_vortices(*plan.classifier(), frame, centroids, circulation, *workspace.classifier,
+                      candidates);
+  } else if (plan.whitened() && workspace.whitened) {
+    find_whitened_vortices(*plan.whitened(), slopes, centroids.flux_adu, circulation,
+                           *workspace.whitened, candidates);
+  } else {
+    find_vortices(plan.circulation(), circulation, candidates);
+  }
+}
+
+void choose_probable(const VortexDetectionPlan& plan, const VortexList& candidates,
+                     VortexList& vortices) noexcept {
+  const auto least = static_cast<float>(plan.options().min_probability);
+  vortices.clear();
+  vortices.add_overflow(candidates.overflow());
+  for (const Vortex& candidate : candidates)
+    if (candidate.probability == kUnknownProbability || candidate.probability >= least)
+      vortices.push(candidate);
+}
+
+}  // namespace curlew

@@ -1,0 +1,61 @@
+// Vortex detection by the method of the configuration: one plan, one workspace, one call.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+
+#include "centroiding/sensor.h"
+#include "core/centroids.h"
+#include "core/frame.h"
+#include "core/slope_field.h"
+#include "core/vortex.h"
+#include "detect/vortex_classifier.h"
+#include "detect/vortex_finder.h"
+#include "detect/whitened_finder.h"
+#include "service/config.h"
+
+namespace curlew {
+
+/// Const after construction, shared by threads.
+class VortexDetectionPlan {
+ public:
+  /// Throws as the method's own plan does, and UsageError where the method does not suit the
+  /// sensor.
+  VortexDetectionPlan(const Sensor& sensor, const FrameFormat& format, const Config& config);
+
+  const VortexOptions& options() const { return options_; }
+  const DetectPlan& circulation() const { return circulation_; }
+  const std::optional<WhitenedPlan>& whitened() const { return whitened_; }
+  const std::optional<ClassifierPlan>& classifier() const { return classifier_; }
+  /// The most vortices a frame can have, and the most candidates: tracks and the hidden phase want
+  /// to know unlikely ones too.
+  std::size_t capacity() const { return circulation_.capacity(); }
+  std::size_t candidate_capacity() const { return candidate_capacity_; }
+
+ private:
+  VortexOptions options_;
+  std::size_t candidate_capacity_;
+  DetectPlan circulation_;
+  std::optional<WhitenedPlan> whitened_;
+  std::optional<ClassifierPlan> classifier_;
+};
+
+/// Buffers of one frame, made once.
+struct VortexDetectionWorkspace {
+  explicit VortexDetectionWorkspace(const VortexDetectionPlan& plan);
+
+  std::optional<WhitenedWorkspace> whitened;
+  std::optional<ClassifierWorkspace> classifier;
+};
+
+/// Candidates of one frame; `circulation` and `candidates` are filled anew. Never allocates.
+/// slopes: weak ones too (measure_weak_slopes).
+void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const Centroids& centroids,
+                       const SlopeField& slopes, VortexDetectionWorkspace& workspace,
+                       CirculationMap& circulation, VortexList& candidates) noexcept;
+
+/// Those candidates that are likely enough to be vortices, for who does not track.
+void choose_probable(const VortexDetectionPlan& plan, const VortexList& candidates,
+                     VortexList& vortices) noexcept;
+
+}  // namespace curlew

@@ -1,0 +1,170 @@
+// Vortices behind turbulence, through the pipeline as it is shipped.
+#include "service/vortex_detection.h"
+
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "acquisition/simulator.h"
+#include "core/error.h"
+#include "service/detection_dataset.h"
+#include "service/detection_score.h"
+#include "service/pipeline.h"
+#include "tests/support/simulated_sensor.h"
+
+namespace curlew {
+namespace {
+
+constexpr std::uint64_t kSeed = 7801;
+
+/// The benchmark's turbulence with the simulator's own noise.
+SimulatorOptions turbulence(double photons, int frames) {
+  SimulatorOptions options = simulator_options({.rytov_variance = 2.0}, kSeed);
+  options.photons = photons;
+  options.read_noise_e = 1.0;
+  options.bit_depth = 12;
+  options.frames = frames;
+  return options;
+}
+
+struct Counts {
+  int required = 0;
+  int hits = 0;
+  int false_alarms = 0;
+};
+
+Counts count(DetectMethod method) {
+  Simulator simulator(turbulence(1000.0, 6));
+  const Sensor sensor = sensor_of(simulator, 6, 100.0);
+  Config config;
+  config.vortices.method = method;
+  Pipeline pipeline(std::make_shared<const Plan>(sensor, simulator.format(), config),
+                    config.pipeline);
+  RecordedFeed feed(simulator, {});
+  Counts counts;
+  Publisher publisher;
+  publisher.publish = [&](const FrameSlot& slot) {
+    std::vector<SceneVortex> scene;
+    for (const TruthVortex& vortex : simulator.truth(slot.frame_index))
+      scene.push_back({.x = vortex.x, .y = vortex.y, .charge = vortex.charge});
+    std::vector<Candidate> candidates;
+    for (const Vortex& v : slot.vortices)
+      if (v.charge != 0)
+        candidates.push_back({static_cast<double>(v.x), static_cast<double>(v.y), v.charge,
+                              static_cast<double>(v.significance)});
+    const FrameVerdicts frame =
+        judge_frame(candidates, grade_vortices(scene), {sensor.grid.rows, sensor.grid.cols});
+    counts.required += frame.required;
+    for (const Verdict& verdict : frame.verdicts)
+      ++(verdict.hit ? counts.hits : counts.false_alarms);
+  };
+  pipeline.run(feed, publisher);
+  return counts;
+}
+
+// Vortices sit in the dark. Where weak spots are left out hardly one is found.
+TEST(VortexDetection, TheClassifierFindsVorticesInTheDark) {
+  const Counts counts = count(DetectMethod::kClassifier);
+  SCOPED_TRACE("seed " + std::to_string(kSeed));
+  ASSERT_GE(counts.required, 10);
+  EXPECT_GE(counts.hits, counts.required * 6 / 10) << "of " << counts.required;
+  EXPECT_LE(counts.false_alarms, counts.hits / 4);
+}
+
+TEST(VortexDetection, TheWhitenedFilterFindsSomeAndHardlyAFalseOne) {
+  const Counts counts = count(DetectMethod::kWhitened);
+  SCOPED_TRACE("seed " + std::to_string(kSeed));
+  EXPECT_GE(counts.hits, counts.required / 5) << "of " << counts.required;
+  EXPECT_LE(counts.false_alarms, counts.hits / 3);
+}
+
+TEST(VortexDetection, TracksKeepTheirNumbersFromFrameToFrame) {
+  SimulatorOptions options;
+  options.rows = options.cols = 12;
+  options.window_px = 8;
+  options.photons = 1000.0;
+  options.frames = 60;
+  options.seed = kSeed;
+  options.scene.vortices = {{3.2, 4.6, 1}, {8.1, 6.7, -1}};
+  options.scene.vortex_amplitude = VortexAmplitude::kLinearCore;
+  options.scene.core_radius = 1.5;
+  options.scene.velocity_x = 0.03;  // pitches a frame
+  Simulator simulator(options);
+  Config config;
+  config.vortices.method = DetectMethod::kClassifier;
+  config.vortices.track = true;
+  Pipeline pipeline(
+      std::make_shared<const Plan>(sensor_of(simulator, 8, 100.0), simulator.format(), config),
+      config.pipeline);
+  RecordedFeed feed(simulator, {});
+  std::set<std::pair<std::int64_t, std::int32_t>> tracks;
+  double velocity_x = 0.0;
+  std::size_t last = 0;
+  Publisher publisher;
+  publisher.publish = [&](const FrameSlot& slot) {
+    last = slot.vortices.size();
+    for (const Vortex& vortex : slot.vortices) {
+      EXPECT_GE(vortex.track, 0);
+      tracks.emplace(vortex.track, vortex.charge);
+      velocity_x = static_cast<double>(vortex.velocity_x);
+    }
+  };
+  pipeline.run(feed, publisher);
+  EXPECT_EQ(last, 2U);
+  EXPECT_EQ(tracks.size(), 2U) << "two vortices, two tracks, each of one charge";
+  constexpr double kFrame_s = 1e-3;  // the simulator's
+  EXPECT_NEAR(velocity_x * kFrame_s, 0.03, 0.02);
+}
+
+TEST(VortexDetection, WithoutVorticesTheWholePhaseIsTheLeastSquaresPhase) {
+  SimulatorOptions options;
+  options.rows = options.cols = 8;
+  options.photons = 5000.0;
+  options.frames = 5;
+  options.seed = kSeed;
+  options.scene.zernikes = {{4, 1.0}};
+  Simulator simulator(options);
+  Config config;
+  config.hidden_phase = true;
+  Pipeline pipeline(std::make_shared<const Plan>(sensor_of(simulator, options.window_px, 100.0),
+                                                 simulator.format(), config),
+                    config.pipeline);
+  RecordedFeed feed(simulator, {});
+  int compared = 0;
+  Publisher publisher;
+  publisher.publish = [&](const FrameSlot& slot) {
+    for (std::size_t k = 0; k < slot.whole_phase.size(); ++k, ++compared)
+      EXPECT_EQ(slot.whole_phase[k], slot.split.phase[k]);
+  };
+  pipeline.run(feed, publisher);
+  EXPECT_EQ(compared, 5 * 64);
+}
+
+/// What a plan's refusal says; empty where there is none.
+std::string refusal(const Sensor& sensor, const FrameFormat& format, const Config& config) {
+  try {
+    const VortexDetectionPlan plan(sensor, format, config);
+  } catch (const UsageError& error) {
+    return error.what();
+  }
+  return {};
+}
+
+TEST(VortexDetection, WhatTheClassifierWasNotTaughtIsRefused) {
+  Simulator simulator(turbulence(1000.0, 1));
+  Config config;
+  config.vortices.method = DetectMethod::kClassifier;
+  Sensor turned = sensor_of(simulator, 6, 100.0);
+  turned.grid.p21 = 0.2 * turned.grid.p11;
+  EXPECT_NE(refusal(turned, simulator.format(), config).find("turned by 11.3 degrees"),
+            std::string::npos);
+  Sensor blurred = sensor_of(simulator, 6, 100.0);
+  blurred.spot_blur_px = 1.0;  // of 2 px per λ/w
+  EXPECT_NE(refusal(blurred, simulator.format(), config).find("spots are blurred"),
+            std::string::npos);
+  config.vortices.method = DetectMethod::kWhitened;
+  EXPECT_EQ(refusal(blurred, simulator.format(), config), "");
+}
+
+}  // namespace
+}  // namespace curlew
