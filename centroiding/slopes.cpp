@@ -87,8 +87,7 @@ namespace {
 
 enum class Spot : std::uint8_t { kMissing, kDark, kWeak, kMeasured };
 
-/// A weak spot's place is known to a pixel at best: the variance its few photons give for
-/// themselves is 0 where they all fell on one.
+/// Of a weak spot whose few photons all fell on one row or column, and give 0 for their variance.
 constexpr float kPixelVariance_px2 = 1.0F / 12.0F;
 
 /// spot_of(k): what is known of lenslet k.
@@ -101,15 +100,17 @@ void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slop
   for (std::size_t k = 0; k < plan.ref_x_px.size(); ++k) {
     const Spot spot = spot_of(k);
     const bool measured = spot == Spot::kMeasured || spot == Spot::kWeak;
-    const float least = spot == Spot::kWeak ? kPixelVariance_px2 : 0.0F;
+    const float at_least = spot == Spot::kWeak ? kPixelVariance_px2 : 0.0F;
+    const float spot_x = centroids.variance_x_px2[k];
+    const float spot_y = centroids.variance_y_px2[k];
     const float gx = measured ? plan.inverse_gain_x[k] : 0.0F;
     const float gy = measured ? plan.inverse_gain_y[k] : 0.0F;
     const float dx = (centroids.x_px[k] - plan.ref_x_px[k]) * gx;
     const float dy = (centroids.y_px[k] - plan.ref_y_px[k]) * gy;
     const float ex = plan.gain_error_x[k] * dx;
     const float ey = plan.gain_error_y[k] * dy;
-    const float vx = std::max(centroids.variance_x_px2[k], least) * gx * gx + ex * ex;
-    const float vy = std::max(centroids.variance_y_px2[k], least) * gy * gy + ey * ey;
+    const float vx = (spot_x > 0.0F ? spot_x : at_least) * gx * gx + ex * ex;
+    const float vy = (spot_y > 0.0F ? spot_y : at_least) * gy * gy + ey * ey;
     const float c = centroids.covariance_xy_px2[k] * gx * gy;
     const float dark = spot == Spot::kDark ? plan.window_variance[k] : 0.0F;
     slopes.x[k] = m11 * dx + m12 * dy;

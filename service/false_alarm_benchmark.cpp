@@ -8,7 +8,6 @@
 #include "centroiding/centroid.h"
 #include "centroiding/slopes.h"
 #include "detect/circulation.h"
-#include "detect/false_alarm_control.h"
 #include "detect/vortex_classifier.h"
 #include "detect/vortex_finder.h"
 #include "detect/whitened_finder.h"
@@ -53,8 +52,6 @@ struct Detectors {
   std::int64_t of_circulation = 0;
   std::int64_t of_whitened = 0;
   std::int64_t of_whitened_probable = 0;
-  std::int64_t of_classifier = 0;
-  std::int64_t of_classifier_probable = 0;
 };
 
 std::int64_t count(const VortexList& vortices) {
@@ -75,10 +72,8 @@ void count_flux(const FalseAlarmOptions& options, double photons, const std::fun
   const Sensor sensor = plane_wave_sensor(simulator, simulated);
   const CentroidPlan centroid(sensor, simulator.format());
   const SlopePlan slope(sensor);
-  ClassifierOptions improbable;
-  improbable.min_probability = kHowever;
-  improbable.min_scout = -1e30;
-  const ClassifierPlan classifier(improbable, spot_camera(sensor), simulator.format());
+  const ClassifierPlan classifier({}, spot_camera(sensor), simulator.format());
+  std::int64_t of_classifier = 0;
 
   std::vector<Detectors> detectors;
   detectors.reserve(options.rates.size());
@@ -88,18 +83,17 @@ void count_flux(const FalseAlarmOptions& options, double photons, const std::fun
   Centroids centroids(options.rows, options.cols);
   SlopeField slopes(options.rows, options.cols);
   CirculationMap map(options.rows, options.cols);
-  Image<std::int8_t> marks(map.value.rows(), map.value.cols());
   VortexList vortices(2 * sensor.valid.size());
-  VortexList classified(2 * sensor.valid.size());
   ClassifierWorkspace classifier_workspace(classifier);
   WhitenedWorkspace whitened_workspace(detectors.front().whitened);
   double lenslets = 0.0;
   while (simulator.next(frame) == Delivery::kFrame) {
     find_centroids(centroid, frame.view(), centroids);
-    measure_slopes(slope, centroids, slopes);
+    measure_weak_slopes(slope, centroids, slopes);
     circulate(slopes, map);
-    lenslets += slopes.n_valid;
-    bool judged = false;
+    lenslets += centroids.n_valid;
+    classify_vortices(classifier, frame.view(), centroids, map, classifier_workspace, vortices);
+    of_classifier += count(vortices);
     for (Detectors& d : detectors) {
       find_vortices(d.circulation, map, vortices);
       d.of_circulation += count(vortices);
@@ -109,21 +103,6 @@ void count_flux(const FalseAlarmOptions& options, double photons, const std::fun
       find_whitened_vortices(d.probable, slopes, centroids.flux_adu, map, whitened_workspace,
                              vortices);
       d.of_whitened_probable += count(vortices);
-      mark_significant(map, d.circulation.threshold_sigmas(map.n_valid), marks);
-      if (std::none_of(marks.begin(), marks.end(), [](std::int8_t mark) { return mark != 0; }))
-        continue;
-      if (!judged) {
-        classify_vortices(classifier, frame.view(), centroids, map, classifier_workspace,
-                          classified);
-        judged = true;
-      }
-      for (const Vortex& vortex : classified) {
-        const int row = std::clamp(static_cast<int>(vortex.y), 0, marks.rows() - 1);
-        const int col = std::clamp(static_cast<int>(vortex.x), 0, marks.cols() - 1);
-        if (marks(row, col) == 0 || marks(row, col) != vortex.charge) continue;
-        ++d.of_classifier;
-        if (vortex.probability >= 0.5F) ++d.of_classifier_probable;
-      }
     }
     step();
   }
@@ -135,8 +114,7 @@ void count_flux(const FalseAlarmOptions& options, double photons, const std::fun
     add("circulation", d.of_circulation);
     add("whitened", d.of_whitened);
     add("whitened_probable", d.of_whitened_probable);
-    add("classifier", d.of_classifier);
-    add("classifier_probable", d.of_classifier_probable);
+    add("classifier", of_classifier);
   }
 }
 

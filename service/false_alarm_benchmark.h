@@ -36,11 +36,10 @@ struct FalseAlarmCount {
 };
 
 /// Plane waves with photon and read noise, through centroids as the pipeline takes them by default,
-/// slopes and circulation, to the detectors at every rate: "circulation" (find_vortices),
+/// weak slopes and circulation, to the detectors at every rate: "circulation" (find_vortices),
 /// "whitened" (find_whitened_vortices, however improbable), "whitened_probable" (the same with its
-/// least probability, .5), "classifier" (classify_vortices, however improbable, kept where D of the
-/// nearest node passes the control) and "classifier_probable". step is called after every frame,
-/// and may throw to end the run.
+/// least probability, .5) and "classifier" (classify_vortices with its least probability, which no
+/// rate controls). step is called after every frame, and may throw to end the run.
 std::vector<FalseAlarmCount> count_false_alarms(const FalseAlarmOptions& options,
                                                 const std::function<void()>& step);
 

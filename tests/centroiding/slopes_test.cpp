@@ -160,7 +160,7 @@ TEST(WeakSlopes, AreTheSlopesOfWeakSpotsToo) {
     EXPECT_EQ(weak.valid(0, c), 1);
     EXPECT_NEAR(weak.x(0, c), 0.5F * s, 1e-5F * s);
     EXPECT_NEAR(weak.y(0, c), -0.25F * s, 1e-5F * s);
-    // No better known than to a pixel.
+    // On one column or row: known to a pixel.
     EXPECT_NEAR(weak.variance_x(0, c), (c == 1 ? 0.2F : 1.0F / 12.0F) * s * s, 1e-5F * s * s);
     EXPECT_NEAR(weak.variance_y(0, c), s * s / 12.0F, 1e-5F * s * s);
   }
