@@ -41,7 +41,7 @@ struct Sensor {
   Image<Window> window;  ///< {0,0,0,0} where not valid
   Image<float> gain_x;   ///< measured over true displacement, 1 where nothing is cut off
   Image<float> gain_y;   ///< NaN where not valid
-  CentroidMethod method = CentroidMethod::kThresholded;  ///< that the gains are of
+  CentroidMethod method = CentroidMethod::kThresholded;            ///< that the gains are of
   double spot_blur_px = std::numeric_limits<double>::quiet_NaN();  ///< σ; NaN: not known
   Image<float> flux_adu;  ///< reference spots' flux above threshold; NaN where not valid
 

@@ -6,6 +6,7 @@
 
 #include "core/error.h"
 #include "service/bench_frames.h"
+#include "service/bench_run.h"
 #include "service/commands.h"
 #include "service/latency_report.h"
 #include "service/pipeline.h"
@@ -96,9 +97,7 @@ Measured measure(const BenchCase& which, const BenchOptions& options) {
 void bench_latency(const BenchOptions& options) {
   if (options.frames < 1) throw UsageError("--frames must be at least 1");
   const std::vector<BenchCase> all = cases(options);
-#ifndef NDEBUG
-  throw Failure("a debug build's times mean nothing, build with './dev build'");
-#endif
+  refuse_debug_build();
   nlohmann::ordered_json json = machine_json();
   json["threads"] = options.threads;
   json["frames"] = options.frames;

@@ -12,6 +12,7 @@
 #include "core/error.h"
 #include "core/latency_histogram.h"
 #include "detect/vortex_classifier.h"
+#include "service/bench_run.h"
 #include "service/commands.h"
 #include "service/detection_dataset.h"
 #include "service/detection_measurement.h"
@@ -93,9 +94,7 @@ ClassifierCost measure_cost(const ClassifierCase& which, const ClassifierBenchOp
 }
 
 void bench_classifier(const ClassifierBenchOptions& options) {
-#ifndef NDEBUG
-  throw Failure("a debug build's times mean nothing, build with './dev build'");
-#endif
+  refuse_debug_build();
   const RealisationCache cache(options.cache);
   nlohmann::ordered_json json = machine_json();
   json["photons"] = options.photons;

@@ -7,12 +7,11 @@
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "core/error.h"
+#include "service/bench_run.h"
 #include "service/commands.h"
 #include "service/detection_benchmark.h"
-#include "service/interrupt.h"
 #include "service/progress.h"
 #include "service/version.h"
 
@@ -21,10 +20,7 @@ namespace {
 
 struct DetectOptionsOfBench {
   DetectionBenchmarkOptions benchmark;
-  std::string cache = default_realisation_folder();
-  bool no_cache = false;
-  bool quick = false;
-  bool json = false;
+  BenchRun run;
 };
 
 /// Says what the run will cost before it is paid.
@@ -143,15 +139,13 @@ std::string table(const DetectionCellResult& cell, int frames) {
 }
 
 void bench_detect(DetectOptionsOfBench options) {
-#ifndef NDEBUG
-  throw Failure("a debug build takes too long over this, build with './dev build'");
-#endif
+  refuse_debug_build();
   DetectionBenchmarkOptions& benchmark = options.benchmark;
-  if (options.quick) benchmark.test_realisations = benchmark.validation_realisations = 4;
+  if (options.run.quick) benchmark.test_realisations = benchmark.validation_realisations = 4;
   for (double& photons : benchmark.photons) {
     if (photons == 0.0) photons = kWithoutNoise;
   }
-  const RealisationCache cache(options.no_cache ? std::string() : options.cache);
+  const RealisationCache cache(options.run.folder());
   announce(benchmark, cache);
   const int per_cell = benchmark.test_realisations + benchmark.validation_realisations;
   std::vector<DetectionCellResult> cells;
@@ -160,14 +154,10 @@ void bench_detect(DetectOptionsOfBench options) {
     Progress progress("fields", n);
     cells = run_detection_benchmark(benchmark, cache, [&] {
       progress.step();
-      if (interrupted()) {
-        throw Failure(cache.folder().empty()
-                          ? "interrupted"
-                          : "interrupted; what was simulated is kept, so run it again to go on");
-      }
+      options.run.check_interrupt();
     });
   }
-  if (options.json) {
+  if (options.run.json) {
     fmt::print("{}\n", results_json(benchmark, cells).dump(2));
     return;
   }
@@ -189,7 +179,6 @@ void bench_detect(DetectOptionsOfBench options) {
 void add_bench_detect(CLI::App& bench) {
   auto options = std::make_shared<DetectOptionsOfBench>();
   DetectionBenchmarkOptions& benchmark = options->benchmark;
-  benchmark.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   CLI::App* detect = bench.add_subcommand(
       "detect", "Detectors of vortices compared on simulated turbulence; goes on where it ended");
   detect->add_option("--realisations", benchmark.test_realisations, "test fields a cell")
@@ -200,7 +189,6 @@ void add_bench_detect(CLI::App& bench) {
                    "fields a cell that thresholds are chosen on")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
-  detect->add_flag("--quick", options->quick, "4 fields of each kind: shows that all runs");
   detect->add_option("--rytov", benchmark.rytov_variances, "Rytov variances")
       ->delimiter(',')
       ->check(CLI::NonNegativeNumber)
@@ -252,13 +240,7 @@ void add_bench_detect(CLI::App& bench) {
                    "more rows: whitened and classifier held to these false alarms a frame")
       ->delimiter(',')
       ->check(CLI::PositiveNumber);
-  detect->add_option("--cache", options->cache, "folder where simulated fields are kept")
-      ->capture_default_str();
-  detect->add_flag("--no-cache", options->no_cache, "keep nothing");
-  detect->add_option("--threads", benchmark.threads, "threads")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  detect->add_flag("--json", options->json, "print JSON");
+  options->run.add_to(*detect, "4 fields of each kind: shows that all runs", benchmark.threads);
   detect->callback([options] { bench_detect(*options); });
 }
 

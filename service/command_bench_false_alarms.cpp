@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
+#include "service/bench_run.h"
 #include "service/commands.h"
 #include "service/false_alarm_benchmark.h"
 #include "service/interrupt.h"
@@ -21,9 +22,7 @@ struct FalseAlarmOptionsOfBench {
 };
 
 void bench_false_alarms(FalseAlarmOptionsOfBench options) {
-#ifndef NDEBUG
-  throw Failure("a debug build takes too long over this, build with './dev build'");
-#endif
+  refuse_debug_build();
   FalseAlarmOptions& benchmark = options.benchmark;
   if (options.quick) benchmark.frames = 1000;
   std::vector<FalseAlarmCount> counts;

@@ -6,12 +6,11 @@
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <thread>
 #include <utility>
 
 #include "core/error.h"
+#include "service/bench_run.h"
 #include "service/commands.h"
-#include "service/interrupt.h"
 #include "service/phase_benchmark.h"
 #include "service/progress.h"
 #include "service/version.h"
@@ -21,11 +20,8 @@ namespace {
 
 struct PhaseOptionsOfBench {
   PhaseBenchmarkOptions benchmark;
-  std::string cache = default_realisation_folder();
-  bool no_cache = false;
+  BenchRun run;
   bool validation = false;
-  bool quick = false;
-  bool json = false;
 };
 
 constexpr std::array<std::pair<int, int>, 2> kTimed = {{{16, 6}, {80, 60}}};  // size, vortices
@@ -92,35 +88,28 @@ std::string table(const PhaseCellResult& cell) {
 }
 
 void bench_phase(PhaseOptionsOfBench options) {
-#ifndef NDEBUG
-  throw Failure("a debug build takes too long over this, build with './dev build'");
-#endif
+  refuse_debug_build();
   PhaseBenchmarkOptions& benchmark = options.benchmark;
-  if (options.quick) benchmark.realisations = 4;
+  if (options.run.quick) benchmark.realisations = 4;
   if (options.validation) benchmark.subset = Subset::kValidation;
   for (double& photons : benchmark.photons) {
     if (photons == 0.0) photons = kWithoutNoise;
   }
-  if (options.no_cache) options.cache.clear();
-  const RealisationCache realisations(options.cache);
-  const PhaseFieldCache fields(options.cache);
+  const RealisationCache realisations(options.run.folder());
+  const PhaseFieldCache fields(options.run.folder());
   std::vector<PhaseCellResult> cells;
   {
     Progress progress("fields", static_cast<std::int64_t>(benchmark.rytov_variances.size()) *
                                     benchmark.realisations);
     cells = run_phase_benchmark(benchmark, realisations, fields, [&] {
       progress.step();
-      if (interrupted()) {
-        throw Failure(options.cache.empty()
-                          ? "interrupted"
-                          : "interrupted; what was simulated is kept, so run it again to go on");
-      }
+      options.run.check_interrupt();
     });
   }
   std::vector<PhaseTiming> timings;
   for (const auto& [size, vortices] : kTimed)
-    timings.push_back(time_hidden_phase(size, vortices, options.quick ? 20 : 400));
-  if (options.json) {
+    timings.push_back(time_hidden_phase(size, vortices, options.run.quick ? 20 : 400));
+  if (options.run.json) {
     fmt::print("{}\n", results_json(options, cells, timings).dump(2));
     return;
   }
@@ -147,7 +136,6 @@ void bench_phase(PhaseOptionsOfBench options) {
 void add_bench_phase(CLI::App& bench) {
   auto options = std::make_shared<PhaseOptionsOfBench>();
   PhaseBenchmarkOptions& benchmark = options->benchmark;
-  benchmark.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   CLI::App* phase = bench.add_subcommand(
       "phase", "Strehl with the hidden phase against least squares; goes on where it ended");
   phase->add_option("--realisations", benchmark.realisations, "fields a cell")
@@ -155,7 +143,6 @@ void add_bench_phase(CLI::App& bench) {
       ->capture_default_str();
   phase->add_flag("--validation", options->validation,
                   "the fields that everything was tuned on, not the test's");
-  phase->add_flag("--quick", options->quick, "4 fields: shows that all runs");
   phase->add_option("--rytov", benchmark.rytov_variances, "Rytov variances")
       ->delimiter(',')
       ->check(CLI::NonNegativeNumber)
@@ -165,13 +152,7 @@ void add_bench_phase(CLI::App& bench) {
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   phase->add_option("--lenslet", benchmark.field.lenslet, "side, √(λL)")->capture_default_str();
-  phase->add_option("--cache", options->cache, "folder where simulated fields are kept")
-      ->capture_default_str();
-  phase->add_flag("--no-cache", options->no_cache, "keep nothing");
-  phase->add_option("--threads", benchmark.threads, "threads")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  phase->add_flag("--json", options->json, "print JSON");
+  options->run.add_to(*phase, "4 fields: shows that all runs", benchmark.threads);
   phase->callback([options] { bench_phase(*options); });
 }
 

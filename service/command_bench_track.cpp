@@ -7,12 +7,11 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "core/error.h"
+#include "service/bench_run.h"
 #include "service/commands.h"
-#include "service/interrupt.h"
 #include "service/progress.h"
 #include "service/tracking_benchmark.h"
 #include "service/version.h"
@@ -23,10 +22,7 @@ namespace {
 struct TrackOptionsOfBench {
   TrackingBenchmarkOptions benchmark;
   std::vector<double> wind;  // x, y of the first screen, x, y of the last; empty: the default
-  std::string cache = default_realisation_folder();
-  bool no_cache = false;
-  bool quick = false;
-  bool json = false;
+  BenchRun run;
 };
 
 /// Of one figure over the samples; `of` may subtract two rows.
@@ -133,18 +129,16 @@ std::string table(const TrackingCell& cell) {
 }
 
 void bench_track(TrackOptionsOfBench options) {
-#ifndef NDEBUG
-  throw Failure("a debug build takes too long over this, build with './dev build'");
-#endif
+  refuse_debug_build();
   TrackingBenchmarkOptions& benchmark = options.benchmark;
-  if (options.quick) benchmark.frames = 50;
+  if (options.run.quick) benchmark.frames = 50;
   if (!options.wind.empty()) {
     if (options.wind.size() % 2 != 0) throw UsageError("--wind takes pairs of numbers, x and y");
     benchmark.sequence.wind.clear();
     for (std::size_t i = 0; i < options.wind.size(); i += 2)
       benchmark.sequence.wind.push_back({options.wind[i], options.wind[i + 1]});
   }
-  const std::string folder = options.no_cache ? std::string() : options.cache;
+  const std::string folder = options.run.folder();
   int parts = 0;
   int kept = 0;
   for (const auto& [subset, n] : {std::pair{Subset::kValidation, benchmark.validation_fields},
@@ -162,14 +156,10 @@ void bench_track(TrackOptionsOfBench options) {
     Progress progress("parts", parts);
     cells = run_tracking_benchmark(benchmark, folder, [&] {
       progress.step();
-      if (interrupted()) {
-        throw Failure(folder.empty()
-                          ? "interrupted"
-                          : "interrupted; what was simulated is kept, so run it again to go on");
-      }
+      options.run.check_interrupt();
     });
   }
-  if (options.json) {
+  if (options.run.json) {
     fmt::print("{}\n", results_json(benchmark, cells).dump(2));
     return;
   }
@@ -189,7 +179,6 @@ void bench_track(TrackOptionsOfBench options) {
 void add_bench_track(CLI::App& bench) {
   auto options = std::make_shared<TrackOptionsOfBench>();
   TrackingBenchmarkOptions& benchmark = options->benchmark;
-  benchmark.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   CLI::App* track = bench.add_subcommand(
       "track", "Vortices followed through evolving turbulence; goes on where it ended");
   track->add_option("--frames", benchmark.frames, "frames of each array")
@@ -198,7 +187,6 @@ void add_bench_track(CLI::App& bench) {
   track->add_option("--fields", benchmark.test_fields, "test fields, each seen by 4 arrays")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  track->add_flag("--quick", options->quick, "50 frames: shows that all runs");
   track->add_option("--photons", benchmark.photons, "photons a lenslet")
       ->delimiter(',')
       ->check(CLI::PositiveNumber)
@@ -215,13 +203,7 @@ void add_bench_track(CLI::App& bench) {
                    "times a frame that the true vortices are looked up")
       ->check(CLI::Range(1, 100))
       ->capture_default_str();
-  track->add_option("--cache", options->cache, "folder where simulated fields are kept")
-      ->capture_default_str();
-  track->add_flag("--no-cache", options->no_cache, "keep nothing");
-  track->add_option("--threads", benchmark.threads, "threads")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  track->add_flag("--json", options->json, "print JSON");
+  options->run.add_to(*track, "50 frames: shows that all runs", benchmark.threads);
   track->callback([options] { bench_track(*options); });
 }
 

@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "core/error.h"
+#include "service/bench_run.h"
 #include "service/commands.h"
 #include "service/detection_training.h"
 #include "service/interrupt.h"
@@ -20,9 +21,7 @@ struct TrainOptionsOfBench {
 };
 
 void bench_train(const TrainOptionsOfBench& options) {
-#ifndef NDEBUG
-  throw Failure("a debug build takes too long over this, build with './dev build'");
-#endif
+  refuse_debug_build();
   const TrainingOptions& training = options.training;
   const RealisationCache cache(options.cache);
   const TrainingReport report =

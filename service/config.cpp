@@ -15,6 +15,7 @@
 
 #include "centroiding/centroid_methods.h"
 #include "core/error.h"
+#include "service/hash.h"
 
 namespace curlew {
 namespace {
@@ -390,11 +391,8 @@ std::set<std::string> changed_sections(const Config& a, const Config& b) {
 }
 
 std::string config_hash(const Config& config) {
-  std::uint64_t hash = 0xcbf29ce484222325ULL;
-  for (const char c : config_text(config))
-    hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3ULL;
   std::ostringstream text;
-  text << std::hex << hash;
+  text << std::hex << fnv1a(config_text(config));
   return text.str();
 }
 

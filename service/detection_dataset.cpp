@@ -11,6 +11,7 @@
 #include "acquisition/fits_file.h"
 #include "acquisition/simulator.h"
 #include "core/error.h"
+#include "service/hash.h"
 #include "service/memory_table.h"
 
 namespace curlew {
@@ -23,15 +24,6 @@ constexpr std::uint64_t kFirstTestSeed = 3'000'000;
 
 /// Of the files' layout and of what the parameters do not say, such as the path's screens.
 constexpr int kCacheVersion = 1;
-
-std::uint64_t fnv1a(std::string_view text) {
-  std::uint64_t hash = 0xcbf29ce484222325U;
-  for (const char c : text) {
-    hash ^= static_cast<unsigned char>(c);
-    hash *= 0x100000001b3U;
-  }
-  return hash;
-}
 
 }  // namespace
 
@@ -80,14 +72,18 @@ RealisationCost realisation_cost(const FieldParameters& parameters) {
           static_cast<double>(grid.memory_bytes) * 1e-6};
 }
 
-RealisationCache::RealisationCache(std::string folder) : folder_(std::move(folder)) {
-  if (folder_.empty()) return;
+void make_cache_folder(const std::string& folder) {
+  if (folder.empty()) return;
   std::error_code error;
-  std::filesystem::create_directories(folder_, error);
+  std::filesystem::create_directories(folder, error);
   if (error) {
-    throw Failure(fmt::format("the folder {} cannot be made: {}; name another with --cache",
-                              folder_, error.message()));
+    throw Failure(fmt::format("the folder {} cannot be made: {}; name another with --cache", folder,
+                              error.message()));
   }
+}
+
+RealisationCache::RealisationCache(std::string folder) : folder_(std::move(folder)) {
+  make_cache_folder(folder_);
 }
 
 std::string RealisationCache::path_of(const FieldParameters& p, std::uint64_t seed) const {

@@ -55,6 +55,10 @@ struct RealisationCost {
 };
 RealisationCost realisation_cost(const FieldParameters& parameters);
 
+/// Where simulated fields are kept; nothing for an empty name. Throws Failure where it cannot be
+/// made.
+void make_cache_folder(const std::string& folder);
+
 /// Realisations in a folder, one FITS file each: the image and the table VORTICES (X, Y, CHARGE).
 /// A file appears whole or not at all. Its name says parameters and seed, but not the program's
 /// version: delete the folder when propagation has changed. Several threads and several processes

@@ -52,13 +52,7 @@ PhaseField simulate_phase_field(const FieldParameters& parameters, std::uint64_t
 }
 
 PhaseFieldCache::PhaseFieldCache(std::string folder) : folder_(std::move(folder)) {
-  if (folder_.empty()) return;
-  std::error_code error;
-  std::filesystem::create_directories(folder_, error);
-  if (error) {
-    throw Failure(fmt::format("the folder {} cannot be made: {}; name another with --cache",
-                              folder_, error.message()));
-  }
+  make_cache_folder(folder_);
 }
 
 std::string PhaseFieldCache::path_of(const FieldParameters& p, std::uint64_t seed) const {

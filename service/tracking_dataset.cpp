@@ -14,6 +14,7 @@
 #include "acquisition/fits_file.h"
 #include "acquisition/simulator.h"
 #include "core/error.h"
+#include "service/hash.h"
 #include "service/memory_table.h"
 #include "service/parallel.h"
 
@@ -25,15 +26,6 @@ constexpr int kFirstSequence = 500'000;  // of a subset's realisations
 constexpr int kCacheVersion = 1;
 
 std::size_t size(int n) { return static_cast<std::size_t>(n); }
-
-std::uint64_t fnv1a(std::string_view text) {
-  std::uint64_t hash = 0xcbf29ce484222325U;
-  for (const char c : text) {
-    hash ^= static_cast<unsigned char>(c);
-    hash *= 0x100000001b3U;
-  }
-  return hash;
-}
 
 /// Some frames of a sequence, from frame part·kPartFrames on.
 std::string path_of(const SequenceParameters& s, std::uint64_t seed, int part,
@@ -184,7 +176,7 @@ std::vector<FieldSequence> read_or_simulate(const SequenceParameters& parameters
                                             const std::function<void()>& step) {
   if (parameters.steps < 1 || parameters.arrays < 1)
     throw UsageError("arrays and steps must be 1 or more");
-  const RealisationCache makes_the_folder(folder);
+  make_cache_folder(folder);
   std::vector<FieldSequence> sequences(size(parameters.arrays * parameters.arrays));
   for (FieldSequence& sequence : sequences) {
     sequence.light.resize(size(frames));

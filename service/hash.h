@@ -1,0 +1,18 @@
+// 64-bit FNV-1a (G. Fowler, L. C. Noll, K.-P. Vo): names of cached files, the configuration's hash.
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+
+namespace curlew {
+
+inline std::uint64_t fnv1a(std::string_view text) {
+  std::uint64_t hash = 0xcbf29ce484222325U;
+  for (const char c : text) {
+    hash ^= static_cast<unsigned char>(c);
+    hash *= 0x100000001b3U;
+  }
+  return hash;
+}
+
+}  // namespace curlew
