@@ -295,8 +295,8 @@ float noise_variance(const SlopeField& slopes, const NodeFilter& filter, int row
   // Of the 4×4 lenslets (i, j) round the node, weights of `main` and `anti`: those of the cells
   // that add it less those of the cells that take it.
   const auto weight = [&](int i, int j) {
-    return i >= 0 && i < 3 && j >= 0 && j < 3 ? filter.weights[static_cast<std::size_t>(3 * i + j)]
-                                              : 0.0F;
+    if (i < 0 || i > 2 || j < 0 || j > 2) return 0.0F;
+    return filter.weights[3 * static_cast<std::size_t>(i) + static_cast<std::size_t>(j)];
   };
   float variance = 0.0F;
   for (int i = 0; i < 4; ++i) {

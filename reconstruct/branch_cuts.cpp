@@ -322,7 +322,7 @@ class Cutter {
   /// Carries a charge from a cell back to where its shortest path began.
   void retrace(std::int32_t cell, int charge) {
     while (cell >= 0 && ws_.came_by[index(cell)] != kSource) {
-      const int side = ws_.came_by[index(cell)];
+      const int side = static_cast<unsigned char>(ws_.came_by[index(cell)]);
       carry(cell, side, charge);
       cell = beyond(cell, side);
     }

@@ -10,7 +10,8 @@ namespace {
 
 constexpr int kReach = 3;          // a vortex' loops: 2·kReach cells square
 constexpr int kSide = 2 * kReach;  // of these cells
-constexpr int kOutsides = 2;       // faces 0 and 1
+constexpr std::size_t kSquare = std::size_t{kSide} * kSide;
+constexpr int kOutsides = 2;  // faces 0 and 1
 constexpr float kTwoPi = 6.28318530718F;
 
 std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
@@ -66,10 +67,10 @@ void for_each_cell(const Lattice& lattice, float x, float y, Use use) {
 
 /// Loops of a vortex in the cells round it. They add up to 2π on each sublattice, the part of the
 /// cells farther out included.
-std::array<float, kSide * kSide> vortex_loops(float x, float y, float charge, float softening) {
+std::array<float, kSquare> vortex_loops(float x, float y, float charge, float softening) {
   const float top = std::floor(y + 0.5F) - static_cast<float>(kReach) - y;  // of the lenslets
   const float left = std::floor(x + 0.5F) - static_cast<float>(kReach) - x;
-  std::array<float, kSide * kSide> loops{};
+  std::array<float, kSquare> loops{};
   for (int i = 0; i <= kSide; ++i) {
     for (int j = 0; j <= kSide; ++j) {
       const float dx = left + static_cast<float>(j);

@@ -107,6 +107,7 @@ void bench_phase(PhaseOptionsOfBench options) {
     });
   }
   std::vector<PhaseTiming> timings;
+  timings.reserve(kTimed.size());
   for (const auto& [size, vortices] : kTimed)
     timings.push_back(time_hidden_phase(size, vortices, options.run.quick ? 20 : 400));
   if (options.run.json) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <string_view>
@@ -54,8 +55,9 @@ struct Interior {
   bool contains(double x, double y) const {
     if (!(x >= 0.5 && x <= cols - 1.5 && y >= 0.5 && y <= rows - 1.5)) return false;
     if (pupil == nullptr) return true;
-    const int row = std::min(static_cast<int>(y + 0.5), rows - 2);  // on the far side: the last
-    const int col = std::min(static_cast<int>(x + 0.5), cols - 2);
+    const int row =
+        std::min(static_cast<int>(std::lround(y)), rows - 2);  // on the far side: the last
+    const int col = std::min(static_cast<int>(std::lround(x)), cols - 2);
     bool inside = true;
     for (int r = row - 1; r <= row + 1; ++r)
       for (int c = col - 1; c <= col + 1; ++c) inside = inside && (*pupil)(r, c) != 0;
