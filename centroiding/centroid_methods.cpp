@@ -54,8 +54,9 @@ struct Group {
 
 constexpr float kSqrtTwoPi = 2.5066283F;
 
-void clear_position(Centroids& out, std::size_t k, LensletState state) noexcept {
-  out.x_px[k] = out.y_px[k] = 0.0F;
+/// The method sees no light here, whatever the threshold let pass.
+void clear_spot(Centroids& out, std::size_t k, LensletState state) noexcept {
+  out.x_px[k] = out.y_px[k] = out.flux_adu[k] = 0.0F;
   out.xx_px2[k] = out.yy_px2[k] = out.xy_px2[k] = 0.0F;
   out.variance_x_px2[k] = out.variance_y_px2[k] = out.covariance_xy_px2[k] = 0.0F;
   out.state[k] = state;
@@ -76,7 +77,7 @@ void adopt(const CentroidPlan& plan, const Found& found, std::size_t lane, std::
     state = LensletState::kAtEdge;
   }
   out.n_valid += (state == LensletState::kValid ? 1 : 0) - (was_valid ? 1 : 0);
-  if (!(signal > 0.0F)) return clear_position(out, k, state);
+  if (!(signal > 0.0F)) return clear_spot(out, k, state);
   if (!(out.flux_adu[k] > 0.0F)) out.flux_adu[k] = found.flux[lane] * plan.adu_per_count;
   if (!was_valid) {
     out.xx_px2[k] = out.yy_px2[k] = plan.spot_sigma_px * plan.spot_sigma_px;

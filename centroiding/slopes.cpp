@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <numbers>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,10 @@
 
 namespace curlew {
 namespace {
+
+/// σ of a diffraction-limited spot's core, λ/w: what is known of a weak spot whose few photons all
+/// fell on one row or column, and give 0 for their variance.
+constexpr double kSpotSigma = 0.42;
 
 void require_length(double value, const std::string& name) {
   if (!(value > 0.0) || !std::isfinite(value)) {
@@ -75,6 +80,8 @@ SlopePlan::SlopePlan(const Sensor& sensor)
   }
   window_variance = Image<float>(sensor.valid.rows(), sensor.valid.cols());
   const double rad_per_px = sensor.optics.slope_rad_per_px();
+  const double spot_sigma_px = kSpotSigma * 2.0 * std::numbers::pi / rad_per_px;
+  spot_variance_px2 = static_cast<float>(spot_sigma_px * spot_sigma_px);
   for (std::size_t k = 0; k < window_variance.size(); ++k) {
     const double side_rad = rad_per_px * std::max(sensor.window[k].w, sensor.window[k].h);
     window_variance[k] = static_cast<float>(side_rad * side_rad / 12.0);
@@ -87,9 +94,6 @@ namespace {
 
 enum class Spot : std::uint8_t { kMissing, kDark, kWeak, kMeasured };
 
-/// Of a weak spot whose few photons all fell on one row or column, and give 0 for their variance.
-constexpr float kPixelVariance_px2 = 1.0F / 12.0F;
-
 /// spot_of(k): what is known of lenslet k.
 template <typename SpotOf>
 void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slopes,
@@ -100,7 +104,7 @@ void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slop
   for (std::size_t k = 0; k < plan.ref_x_px.size(); ++k) {
     const Spot spot = spot_of(k);
     const bool measured = spot == Spot::kMeasured || spot == Spot::kWeak;
-    const float at_least = spot == Spot::kWeak ? kPixelVariance_px2 : 0.0F;
+    const bool weak = spot == Spot::kWeak;
     const float spot_x = centroids.variance_x_px2[k];
     const float spot_y = centroids.variance_y_px2[k];
     const float gx = measured ? plan.inverse_gain_x[k] : 0.0F;
@@ -109,15 +113,23 @@ void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slop
     const float dy = (centroids.y_px[k] - plan.ref_y_px[k]) * gy;
     const float ex = plan.gain_error_x[k] * dx;
     const float ey = plan.gain_error_y[k] * dy;
-    const float vx = (spot_x > 0.0F ? spot_x : at_least) * gx * gx + ex * ex;
-    const float vy = (spot_y > 0.0F ? spot_y : at_least) * gy * gy + ey * ey;
+    const float vx =
+        (weak && !(spot_x > 0.0F) ? plan.spot_variance_px2 : spot_x) * gx * gx + ex * ex;
+    const float vy =
+        (weak && !(spot_y > 0.0F) ? plan.spot_variance_px2 : spot_y) * gy * gy + ey * ey;
     const float c = centroids.covariance_xy_px2[k] * gx * gy;
     const float dark = spot == Spot::kDark ? plan.window_variance[k] : 0.0F;
     slopes.x[k] = m11 * dx + m12 * dy;
     slopes.y[k] = m21 * dx + m22 * dy;
-    slopes.variance_x[k] = m11 * m11 * vx + 2.0F * m11 * m12 * c + m12 * m12 * vy + dark;
-    slopes.variance_y[k] = m21 * m21 * vx + 2.0F * m21 * m22 * c + m22 * m22 * vy + dark;
-    slopes.covariance_xy[k] = m11 * m21 * vx + (m11 * m22 + m12 * m21) * c + m12 * m22 * vy;
+    const float variance_x = m11 * m11 * vx + 2.0F * m11 * m12 * c + m12 * m12 * vy;
+    const float variance_y = m21 * m21 * vx + 2.0F * m21 * m22 * c + m22 * m22 * vy;
+    const float covariance = m11 * m21 * vx + (m11 * m22 + m12 * m21) * c + m12 * m22 * vy;
+    // A little light tells no less than none.
+    const float most = plan.window_variance[k];
+    const bool lost = weak && std::max(variance_x, variance_y) > most;
+    slopes.variance_x[k] = dark + (lost ? std::min(variance_x, most) : variance_x);
+    slopes.variance_y[k] = dark + (lost ? std::min(variance_y, most) : variance_y);
+    slopes.covariance_xy[k] = lost ? 0.0F : covariance;
     slopes.valid[k] = spot == Spot::kMissing ? 0 : 1;
     n_valid += spot == Spot::kMissing ? 0 : 1;
   }

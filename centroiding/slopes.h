@@ -23,6 +23,7 @@ struct SlopePlan {
   /// (error·d)² to the variance.
   Image<float> gain_error_x;
   Image<float> gain_error_y;
+  float spot_variance_px2 = 0;   ///< of a spot's core, for weak ones that cannot tell theirs
   Image<float> window_variance;  ///< of a spot that may be anywhere in its window, rad²
 
   // slope = M·(dx/gain_x, dy/gain_y), rad per pitch per px: pitch_px·P⁻¹ turns pixels into pixels

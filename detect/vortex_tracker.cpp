@@ -146,6 +146,10 @@ bool VortexTracker::advance(double time_s) noexcept {
     return true;
   }
   const auto dt = static_cast<float>(time_s - time_s_);
+  if (dt == 0.0F && interval_s_ > 0.0F) {  // a clock too coarse for the frames
+    predict(interval_s_);
+    return true;
+  }
   if (!(dt > 0.0F)) return false;
   if (interval_s_ == 0.0F) {
     interval_s_ = dt;
@@ -296,8 +300,11 @@ void VortexTracker::follow(Track& track, const Vortex& candidate,
 
 /// A vortex that can go, over the edge or with an opposite one, is sooner believed gone.
 void VortexTracker::miss(Track& track) noexcept {
-  for (std::size_t i = 0; i < n_pairs_; ++i)
-    if (is_near(place(pairs_[i]), track.state, kPairRadius)) return;
+  for (std::size_t i = 0; i < n_pairs_; ++i) {
+    const float probability = pairs_[i].probability;
+    const bool believed = probability == kUnknownProbability || probability >= 0.5F;
+    if (believed && is_near(place(pairs_[i]), track.state, kPairRadius)) return;
+  }
   bool may_go = distance_to_edge(track.state.x(), track.state.y()) < kOutside;
   for (std::size_t i = 0; i < n_tracks_ && !may_go; ++i)
     may_go =

@@ -266,6 +266,7 @@ void measure(const WhitenedPlan& plan, const CirculationMap& circulation,
 void pair_up(const WhitenedPlan& plan, WhitenedWorkspace& workspace) noexcept {
   FixedList<Sighting>& seen = workspace.seen;
   const auto sigmas = static_cast<float>(plan.options().pair_sigmas);
+  const auto likely = static_cast<float>(plan.options().pair_likely);
   for (std::size_t i = 0; i < seen.size(); ++i) {
     const Vortex& a = seen[i].vortex;
     float nearest = std::numeric_limits<float>::max();
@@ -274,6 +275,7 @@ void pair_up(const WhitenedPlan& plan, WhitenedWorkspace& workspace) noexcept {
       const float z = seen[static_cast<std::size_t>(other)].z;
       const bool alike = std::min(z, seen[i].z) >= kAlike * std::max(z, seen[i].z);
       if (a.charge == b.charge || !alike) return;
+      if ((a.probability >= likely) != (b.probability >= likely)) return;
       const float x = a.x - b.x;
       const float y = a.y - b.y;
       const float apart = x * x + y * y;

@@ -45,6 +45,7 @@ struct WhitenedOptions {
   /// Two opposite vortices of nearly the same strength, nearer than this many standard deviations
   /// of their separation and than 1¼ pitches, are one unresolved pair. 0: never.
   double pair_sigmas = 3.0;
+  double pair_likely = 0.5;  ///< a probability: one above makes no pair with one below
 };
 
 /// All that follows from the options and the pupil. Const after construction, shared by threads.

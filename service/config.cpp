@@ -87,9 +87,9 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   auto& tracker = config.tracker;
   visit("track", "enabled", vortices.track, kNotNegative);
   visit("track", "false_tracks_per_frame", tracker.false_tracks_per_frame, Range{1e-12, 1e3});
-  visit("track", "min_probability", tracker.min_probability, Range{0.0, 1.0});
-  visit("track", "min_probability_single", tracker.min_probability_single, Range{0.0, 1.0});
-  visit("track", "longest_gap_frames", tracker.longest_gap_frames, Range{1.0, 1e6});
+  visit("track", "min_probability", tracker.min_probability, Range{1e-6, 1.0});
+  visit("track", "min_probability_single", tracker.min_probability_single, Range{1e-6, 1.0});
+  visit("track", "longest_gap_frames", tracker.longest_gap_frames, Range{2.0, 1e6});
   auto& pipeline = config.pipeline;
   visit("pipeline", "threads", pipeline.threads, kNotNegative);
   visit("pipeline", "slots", pipeline.slots, Range{2, 4096});

@@ -99,8 +99,9 @@ void Daemon::prepare(const FrameFormat& format) {
     const Sensor sensor = sensor_;
     lock.unlock();
     if (old) recorded = old->finish();
-    pipeline = std::make_shared<Pipeline>(std::make_shared<const Plan>(sensor, format, config),
-                                          config.pipeline, placement_.thread_start());
+    pipeline =
+        std::make_shared<Pipeline>(std::make_shared<const Plan>(sensor, format, config),
+                                   config.pipeline, placement_.thread_start(), totals_.connections);
     recorder.reset();
     if (config.recorder.mode != RecordMode::kOff)
       recorder = std::make_unique<Recorder>(config.recorder, format, sensor.optics, sensor.detector,

@@ -16,6 +16,8 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Queue = SlotQueue<FrameSlot>;
 
+constexpr std::int64_t kMostSets = 1024;  // of a pipeline: a new one a reload
+
 }  // namespace
 
 void RunReport::merge(const RunReport& other) {
@@ -32,8 +34,10 @@ void RunReport::merge(const RunReport& other) {
 }
 
 Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
-                   PipelineThreadStart thread_start)
-    : options_(std::move(options)), thread_start_(std::move(thread_start)) {
+                   PipelineThreadStart thread_start, std::int64_t earlier)
+    : options_(std::move(options)),
+      thread_start_(std::move(thread_start)),
+      sets_made_(earlier * kMostSets) {
   if (!thread_start_) thread_start_ = [](const std::string&, std::size_t) {};
   sets_.push_back(make_slots(std::move(plan)));
   current_ = sets_.back().get();

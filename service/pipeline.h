@@ -43,8 +43,9 @@ using PipelineThreadStart = std::function<void(const std::string& name, std::siz
 
 class Pipeline {
  public:
+  /// earlier: pipelines before this one whose tracks must keep their numbers to themselves.
   Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
-           PipelineThreadStart thread_start = {});
+           PipelineThreadStart thread_start = {}, std::int64_t earlier = 0);
 
   /// Runs until the feed ends. What the feed or the publisher throws ends the run and is thrown
   /// on, once all threads are joined.
@@ -76,7 +77,7 @@ class Pipeline {
   PipelineOptions options_;
   PipelineThreadStart thread_start_;
   std::vector<std::unique_ptr<SlotSet>> sets_;  ///< touched by adopt() only, once made
-  std::int64_t sets_made_ = 0;                  ///< likewise
+  std::int64_t sets_made_;                      ///< likewise, those of earlier pipelines too
   SlotSet* current_ = nullptr;                  ///< the run's
   std::atomic<SlotSet*> pending_{nullptr};      ///< what is being taken up
   RunReport report_;

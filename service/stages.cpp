@@ -1,5 +1,7 @@
 #include "service/stages.h"
 
+#include <algorithm>
+
 namespace curlew {
 namespace {
 
@@ -64,8 +66,13 @@ Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config
       slopes(sensor),
       detect(sensor, format, config),
       split(sensor.valid, config.split) {
+  // Its tables go with the square of this; what is more is not judged, and the surest come first.
+  constexpr std::size_t kMostJudged = 1024;
   if (config.hidden_phase)
-    hidden_phase.emplace(split, HiddenPhaseOptions{}, detect.candidate_capacity());
+    hidden_phase.emplace(split, HiddenPhaseOptions{},
+                         std::min(detect.candidate_capacity(), kMostJudged));
+  if (config.vortices.track)  // throws here, where a plan is made, and not where it is taken up
+    const VortexTracker check(tracker, grid.rows, grid.cols, 1);
 }
 
 FrameSlot::FrameSlot(const Plan& plan_of_slot, VortexTracker* frames_tracker)

@@ -255,6 +255,9 @@ TEST_P(Methods, NothingIsEverNotANumber) {
       }
       EXPECT_GE(c.variance_x_px2[k], 0.0F);
       EXPECT_GE(c.variance_y_px2[k], 0.0F);
+      if (c.state[k] == LensletState::kFaint && c.x_px[k] == 0.0F) {
+        EXPECT_EQ(c.flux_adu[k], 0.0F) << "nobody must take it for a spot, " << k;
+      }
       if (c.state[k] == LensletState::kSaturated) {
         EXPECT_EQ(c.x_px[k], 0.0F);
       }

@@ -160,10 +160,17 @@ TEST(WeakSlopes, AreTheSlopesOfWeakSpotsToo) {
     EXPECT_EQ(weak.valid(0, c), 1);
     EXPECT_NEAR(weak.x(0, c), 0.5F * s, 1e-5F * s);
     EXPECT_NEAR(weak.y(0, c), -0.25F * s, 1e-5F * s);
-    // On one column or row: known to a pixel.
-    EXPECT_NEAR(weak.variance_x(0, c), (c == 1 ? 0.2F : 1.0F / 12.0F) * s * s, 1e-5F * s * s);
-    EXPECT_NEAR(weak.variance_y(0, c), s * s / 12.0F, 1e-5F * s * s);
+    // On one column or row: known to the width of a spot, .42 λ/w.
+    const float spot = plan.spot_variance_px2;
+    EXPECT_NEAR(spot, std::pow(0.42 * 2.0 * std::numbers::pi / static_cast<double>(s), 2), 1e-4);
+    EXPECT_NEAR(weak.variance_x(0, c), (c == 1 ? 0.2F : spot) * s * s, 1e-5F * s * s);
+    EXPECT_NEAR(weak.variance_y(0, c), spot * s * s, 1e-5F * s * s);
   }
+  // A little light tells no less than none.
+  centroids.variance_x_px2(0, 1) = 1000.0F;
+  measure_weak_slopes(plan, centroids, weak);
+  EXPECT_EQ(weak.variance_x(0, 1), plan.window_variance(0, 1));
+  EXPECT_EQ(weak.covariance_xy(0, 1), 0.0F);
   EXPECT_EQ(weak.valid(0, 3), 1);
   EXPECT_EQ(weak.x(0, 3), 0.0F);
   EXPECT_NEAR(weak.variance_x(0, 3), 16.0F * 16.0F * s * s / 12.0F, 1e-3F * s * s);

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <utility>
@@ -296,6 +297,43 @@ TEST(FalseAlarmControl, MarksTheSignOfWhatStandsOut) {
   EXPECT_EQ(marks[3], 0);
   mark_significant(map, INFINITY, marks);
   for (const std::int8_t mark : marks) EXPECT_EQ(mark, 0);
+}
+
+// Asking for unlikely ones too takes no likely one away: not into a pair either.
+TEST(WhitenedFinder, WhatIsLikelyStaysWhenUnlikelyOnesAreAskedFor) {
+  std::mt19937 random(7901);
+  std::normal_distribution<float> noise(0.0F, 0.45F);
+  std::uniform_real_distribution<double> place(2.0, kSize - 3.0);
+  std::size_t likely = 0;
+  std::size_t more = 0;
+  for (int frame = 0; frame < 60; ++frame) {
+    SCOPED_TRACE(frame);
+    SlopeField slopes = flat_field(kSize, kSize, 0.2F);
+    for (std::size_t k = 0; k < slopes.x.size(); ++k) {
+      slopes.x[k] += noise(random);
+      slopes.y[k] += noise(random);
+    }
+    for (int i = 0; i < 3; ++i) {
+      const double x = place(random);
+      const double y = place(random);
+      add_vortex(slopes, x, y);
+      add_conjugate_vortex(slopes, x + 0.9, y + 0.6);
+    }
+    WhitenedOptions options;
+    options.false_alarms_per_frame = 1.0;
+    const Found sure = find(slopes, even_flux(), options);
+    options.min_probability = 0.02;
+    const Found all = find(slopes, even_flux(), options);
+    for (const Vortex& vortex : sure.vortices) {
+      EXPECT_TRUE(std::any_of(all.vortices.begin(), all.vortices.end(), [&](const Vortex& other) {
+        return other.x == vortex.x && other.y == vortex.y && other.charge == vortex.charge;
+      }));
+    }
+    likely += sure.vortices.size();
+    more += all.vortices.size();
+  }
+  EXPECT_GT(likely, 60U);
+  EXPECT_GT(more, likely);
 }
 
 }  // namespace
