@@ -155,4 +155,20 @@ void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
   });
 }
 
+void leave_out_weak(const Centroids& centroids, const SlopeField& weak,
+                    SlopeField& slopes) noexcept {
+  int n_valid = 0;
+  for (std::size_t k = 0; k < weak.x.size(); ++k) {
+    const bool valid = centroids.state[k] == LensletState::kValid;
+    slopes.x[k] = valid ? weak.x[k] : 0.0F;
+    slopes.y[k] = valid ? weak.y[k] : 0.0F;
+    slopes.variance_x[k] = valid ? weak.variance_x[k] : 0.0F;
+    slopes.variance_y[k] = valid ? weak.variance_y[k] : 0.0F;
+    slopes.covariance_xy[k] = valid ? weak.covariance_xy[k] : 0.0F;
+    slopes.valid[k] = valid ? 1 : 0;
+    n_valid += valid ? 1 : 0;
+  }
+  slopes.n_valid = n_valid;
+}
+
 }  // namespace curlew

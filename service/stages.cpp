@@ -11,8 +11,8 @@ void centroid(const Plan& plan, FrameSlot& slot) noexcept {
 }
 
 void slopes(const Plan& plan, FrameSlot& slot) noexcept {
-  measure_slopes(plan.slopes, slot.centroids, slot.slopes);
   measure_weak_slopes(plan.slopes, slot.centroids, slot.weak_slopes);
+  leave_out_weak(slot.centroids, slot.weak_slopes, slot.slopes);
 }
 
 void detect(const Plan& plan, FrameSlot& slot) noexcept {

@@ -149,6 +149,17 @@ TEST(WeakSlopes, AreTheSlopesOfWeakSpotsToo) {
   SlopeField weak(1, 6);
   measure_slopes(plan, centroids, strict);
   measure_weak_slopes(plan, centroids, weak);
+  SlopeField left(1, 6);
+  leave_out_weak(centroids, weak, left);
+  EXPECT_EQ(left.n_valid, strict.n_valid);
+  for (std::size_t k = 0; k < strict.x.size(); ++k) {
+    EXPECT_EQ(left.valid[k], strict.valid[k]);
+    EXPECT_EQ(left.x[k], strict.x[k]);
+    EXPECT_EQ(left.y[k], strict.y[k]);
+    EXPECT_EQ(left.variance_x[k], strict.variance_x[k]);
+    EXPECT_EQ(left.variance_y[k], strict.variance_y[k]);
+    EXPECT_EQ(left.covariance_xy[k], strict.covariance_xy[k]);
+  }
   EXPECT_EQ(strict.n_valid, 1);
   EXPECT_EQ(weak.n_valid, 4);
   const auto s = static_cast<float>(sensor.optics.slope_rad_per_px());
