@@ -1,0 +1,43 @@
+// The words that settings of an enumeration take in the configuration.
+#pragma once
+
+#include <array>
+#include <string_view>
+
+#include "centroiding/centroid_method.h"
+#include "service/config.h"
+
+namespace curlew {
+
+/// The words a setting of an enumeration takes.
+template <typename Enum>
+struct Word {
+  std::string_view text;
+  Enum value;
+};
+template <typename Enum>
+Word(const char*, Enum) -> Word<Enum>;
+inline constexpr std::array kThreadingWords = {Word{"inline", Threading::kInline},
+                                               Word{"per_stage", Threading::kPerStage}};
+inline constexpr std::array kDetectMethodWords = {Word{"circulation", DetectMethod::kCirculation},
+                                                  Word{"whitened", DetectMethod::kWhitened},
+                                                  Word{"classifier", DetectMethod::kClassifier}};
+inline constexpr std::array kTriggerWords = {
+    Word{"as_is", Trigger::kAsIs}, Word{"free", Trigger::kFree}, Word{"line", Trigger::kLine},
+    Word{"software", Trigger::kSoftware}};
+inline constexpr std::array kRecordWords = {Word{"off", RecordMode::kOff},
+                                            Word{"continuous", RecordMode::kContinuous},
+                                            Word{"trigger", RecordMode::kTrigger}};
+inline constexpr auto kCentroidWords = [] {
+  std::array<Word<CentroidMethod>, kCentroidMethodNames.size()> words{};
+  for (std::size_t i = 0; i < words.size(); ++i)
+    words[i] = {kCentroidMethodNames[i], static_cast<CentroidMethod>(i)};
+  return words;
+}();
+constexpr const auto& words_of(CentroidMethod) { return kCentroidWords; }
+constexpr const auto& words_of(Threading) { return kThreadingWords; }
+constexpr const auto& words_of(DetectMethod) { return kDetectMethodWords; }
+constexpr const auto& words_of(Trigger) { return kTriggerWords; }
+constexpr const auto& words_of(RecordMode) { return kRecordWords; }
+
+}  // namespace curlew
