@@ -175,6 +175,7 @@ void print_json(const KernelOptions& o, const Circulation& d, const std::vector<
   json["positions"] = at;
   for (const double nu : at) {
     std::vector<double> row;
+    row.reserve(at.size());
     for (const double mu : at) row.push_back(d(mu, nu));
     json["circulation_rad"].push_back(row);
   }

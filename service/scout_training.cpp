@@ -70,9 +70,10 @@ std::vector<ScoutLesson> scout_lessons(std::vector<TrainingField>& fields,
     const int rows = classifier.rows() - 1;
     const int cols = classifier.cols() - 1;
     Image<std::array<float, 3>> probability(rows, cols);
-    for (const NodeVortex& seen : workspace.seen)
-      probability(seen.row, seen.col)[static_cast<std::size_t>(seen.vortex.charge + 1)] =
-          seen.vortex.probability;
+    for (const NodeVortex& seen : workspace.seen) {
+      const int kind = seen.vortex.charge + 1;
+      probability(seen.row, seen.col)[static_cast<std::size_t>(kind)] = seen.vortex.probability;
+    }
     const auto deserves = [&](int row, int col) {
       for (std::size_t kind = 0; kind < 3; ++kind) {
         const float here = probability(row, col)[kind];

@@ -140,7 +140,7 @@ Sensor read_sensor(const std::string& path) {
     throw Failure(path + ": lenslet layout " + layout + " is not supported, only SQUARE is");
   sensor.spot_blur_px = file.key_double("SPOTBLUR").value_or(kUnknown);
   const std::string method = file.key_string("CENTROID").value_or("thresholded");
-  const auto known = std::find(kCentroidMethodNames.begin(), kCentroidMethodNames.end(), method);
+  const auto* known = std::find(kCentroidMethodNames.begin(), kCentroidMethodNames.end(), method);
   if (known == kCentroidMethodNames.end())
     throw Failure(path + ": centroid method " + method + " is not known, calibrate again");
   sensor.method = static_cast<CentroidMethod>(known - kCentroidMethodNames.begin());

@@ -84,6 +84,7 @@ std::vector<Watched> watch(const TrackingBenchmarkOptions& options, double photo
 FrameVerdicts judge(const std::vector<TrueVortex>& truth, const std::vector<Candidate>& candidates,
                     const Interior& interior) {
   std::vector<GradedVortex> graded;
+  graded.reserve(truth.size());
   for (const TrueVortex& vortex : truth) graded.push_back(vortex.vortex);
   return judge_frame(candidates, graded, interior);
 }
