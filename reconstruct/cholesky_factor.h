@@ -2,6 +2,8 @@
 #pragma once
 
 #include <Eigen/SparseCore>
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -48,6 +50,36 @@ class CholeskyFactor {
   AlignedVector<std::int32_t> row_;
   AlignedVector<float> values_;
   AlignedVector<float> inverse_diagonal_;
+};
+
+/// The columns that it takes to eliminate a vector which is zero but at the elements added.
+class EliminationPath {
+ public:
+  /// marked: [factor.size()], zeros, and left so. columns: room for them.
+  EliminationPath(const CholeskyFactor& factor, std::vector<std::uint8_t>& marked,
+                  std::int32_t* columns)
+      : factor_(factor), marked_(marked), columns_(columns) {}
+
+  void add(std::int32_t element) {
+    for (; element >= 0 && marked(element) == 0; element = factor_.parent(element)) {
+      marked(element) = 1;
+      columns_[size_++] = element;
+    }
+  }
+  /// Sorts the columns, in which order they are eliminated. Returns how many there are.
+  std::size_t finish() {
+    std::sort(columns_, columns_ + size_);
+    for (std::size_t i = 0; i < size_; ++i) marked(columns_[i]) = 0;
+    return size_;
+  }
+
+ private:
+  std::uint8_t& marked(std::int32_t column) { return marked_[static_cast<std::size_t>(column)]; }
+
+  const CholeskyFactor& factor_;
+  std::vector<std::uint8_t>& marked_;
+  std::int32_t* columns_;
+  std::size_t size_ = 0;
 };
 
 }  // namespace curlew

@@ -1,100 +1,14 @@
 #include "reconstruct/vortex_choice.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
+
+#include "reconstruct/vortex_loops.h"
 
 namespace curlew {
 namespace {
 
-constexpr int kReach = 3;          // a vortex' loops: 2·kReach cells square
-constexpr int kSide = 2 * kReach;  // of these cells
-constexpr std::size_t kSquare = std::size_t{kSide} * kSide;
-constexpr int kOutsides = 2;  // faces 0 and 1
-constexpr float kTwoPi = 6.28318530718F;
-
 std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
-
-/// Loops round corners 00, 01, 10, 11 of a lenslet that its edges are part of, and in which sense.
-/// Edge A, s_x + s_y, runs round corner 10 in the positive sense; edge B, s_y − s_x, round 00.
-std::array<float, 4> along_corners(float x, float y) {
-  const float a = x + y;
-  const float b = y - x;
-  return {b, -a, a, -b};
-}
-
-/// Columns of the factor that elements need, marked and appended to path.
-class Path {
- public:
-  Path(const CholeskyFactor& factor, std::vector<std::uint8_t>& marked, std::int32_t* columns)
-      : factor_(factor), marked_(marked), columns_(columns) {}
-
-  void add(std::int32_t element) {
-    for (; element >= 0 && marked_[index(element)] == 0; element = factor_.parent(element)) {
-      marked_[index(element)] = 1;
-      columns_[size_++] = element;
-    }
-  }
-  /// Sorts the columns and takes the marks off.
-  std::size_t finish() {
-    std::sort(columns_, columns_ + size_);
-    for (std::size_t i = 0; i < size_; ++i) marked_[index(columns_[i])] = 0;
-    return size_;
-  }
-
- private:
-  const CholeskyFactor& factor_;
-  std::vector<std::uint8_t>& marked_;
-  std::int32_t* columns_;
-  std::size_t size_ = 0;
-};
-
-/// Calls use(corner, row and column in the square of cells) for the cells round a vortex that lie
-/// on the array.
-template <typename Use>
-void for_each_cell(const Lattice& lattice, float x, float y, Use use) {
-  const int top = static_cast<int>(std::floor(y + 0.5F)) - kReach + 1;  // corners
-  const int left = static_cast<int>(std::floor(x + 0.5F)) - kReach + 1;
-  for (int i = 0; i < kSide; ++i) {
-    for (int j = 0; j < kSide; ++j) {
-      if (top + i < 1 || top + i >= lattice.rows() || left + j < 1 || left + j >= lattice.cols())
-        continue;
-      use((top + i) * lattice.corner_cols() + left + j, i, j);
-    }
-  }
-}
-
-/// Loops of a vortex in the cells round it. They add up to 2π on each sublattice, the part of the
-/// cells farther out included.
-std::array<float, kSquare> vortex_loops(float x, float y, float charge, float softening) {
-  const float top = std::floor(y + 0.5F) - static_cast<float>(kReach) - y;  // of the lenslets
-  const float left = std::floor(x + 0.5F) - static_cast<float>(kReach) - x;
-  std::array<float, kSquare> loops{};
-  for (int i = 0; i <= kSide; ++i) {
-    for (int j = 0; j <= kSide; ++j) {
-      const float dx = left + static_cast<float>(j);
-      const float dy = top + static_cast<float>(i);
-      const float inverse = charge / (dx * dx + dy * dy + softening);
-      const auto along = along_corners(-dy * inverse, dx * inverse);
-      const auto add = [&](int row, int col, float value) {
-        if (row >= 0 && row < kSide && col >= 0 && col < kSide)
-          loops[index(row * kSide + col)] += value;
-      };
-      add(i - 1, j - 1, along[0]);
-      add(i - 1, j, along[1]);
-      add(i, j - 1, along[2]);
-      add(i, j, along[3]);
-    }
-  }
-  float sum[2] = {0.0F, 0.0F};
-  for (int i = 0; i < kSide; ++i)
-    for (int j = 0; j < kSide; ++j) sum[(i + j) % 2] += loops[index(i * kSide + j)];
-  for (int i = 0; i < kSide; ++i)
-    for (int j = 0; j < kSide; ++j)
-      loops[index(i * kSide + j)] *= charge * kTwoPi / sum[(i + j) % 2];
-  return loops;
-}
 
 class Chooser {
  public:
@@ -212,11 +126,11 @@ class Chooser {
       const auto loops =
           vortex_loops(x, y, static_cast<float>(vortex.charge), plan_.options().softening);
       std::int32_t* const columns = ws_.element.data() + ws_.start[v];
-      Path path(factor, ws_.marked, columns);
+      EliminationPath path(factor, ws_.marked, columns);
       for_each_cell(tile_->lattice(), x, y, [&](int corner, int i, int j) {
         const std::int32_t unknown = tile_->unknown_of(corner);
         if (unknown < 0) return;
-        ws_.scratch[index(unknown)] += loops[index(i * kSide + j)];
+        ws_.scratch[index(unknown)] += loops[index(i * kLoopSide + j)];
         path.add(unknown);
       });
       const std::size_t n = path.finish();
@@ -306,109 +220,6 @@ class Chooser {
   VortexChoiceWorkspace& ws_;
   const ChoiceTile* tile_ = nullptr;
 };
-
-Lattice lattice_of(const Image<std::uint8_t>& valid) {
-  Lattice lattice(valid.rows(), valid.cols());
-  lattice.build(valid);
-  return lattice;
-}
-
-/// Cores that an axis of n lenslets is cut into.
-int cores(int n) {
-  const int one = VortexChoicePlan::kCore + 2 * VortexChoicePlan::kMargin;
-  return n <= one ? 1 : (n + VortexChoicePlan::kCore - 1) / VortexChoicePlan::kCore;
-}
-
-/// The lenslets of one core with its margin, [first, last), of `parts` cores of n lenslets.
-std::array<int, 2> span_of(int part, int parts, int n) {
-  const int first = part * n / parts - VortexChoicePlan::kMargin;
-  const int last = (part + 1) * n / parts + VortexChoicePlan::kMargin;
-  return {std::max(first, 0), std::min(last, n)};
-}
-
-}  // namespace
-
-ChoiceTile::ChoiceTile(int row, int col, const Image<std::uint8_t>& valid)
-    : row_(row),
-      col_(col),
-      lattice_(lattice_of(valid)),
-      factor_(make_factor()),
-      unknown_(index(lattice_.n_corners())) {
-  for (int corner = 0; corner < lattice_.n_corners(); ++corner) {
-    const int face = lattice_.face_of(corner) - kOutsides;
-    unknown_[index(corner)] = face < 0 ? -1 : factor_.position()[index(face)];
-  }
-  std::vector<std::uint8_t> marked(index(factor_.size()));
-  std::vector<std::int32_t> columns(marked.size());
-  for (int r = 0; r <= lattice_.rows(); ++r) {
-    for (int c = 0; c <= lattice_.cols(); ++c) {
-      Path path(factor_, marked, columns.data());
-      for_each_cell(lattice_, static_cast<float>(c) - 0.5F, static_cast<float>(r) - 0.5F,
-                    [&](int corner, int, int) {
-                      if (unknown_of(corner) >= 0) path.add(unknown_of(corner));
-                    });
-      longest_path_ = std::max(longest_path_, path.finish());
-    }
-  }
-}
-
-CholeskyFactor ChoiceTile::make_factor() const {
-  const int n = lattice_.n_faces() - kOutsides;
-  std::vector<Eigen::Triplet<double>> entries;
-  const auto add_edge = [&](int corner_a, int corner_b) {
-    const int a = lattice_.face_of(corner_a) - kOutsides;
-    const int b = lattice_.face_of(corner_b) - kOutsides;
-    if (a == b) return;
-    if (a >= 0) entries.emplace_back(a, a, 1.0);
-    if (b >= 0) entries.emplace_back(b, b, 1.0);
-    if (a >= 0 && b >= 0) entries.emplace_back(std::max(a, b), std::min(a, b), -1.0);
-  };
-  for (int k = 0; k < lattice_.rows() * lattice_.cols(); ++k) {
-    if (lattice_.phase_group_of(k) < 0) continue;
-    const auto corner = lattice_.corners_of(k);
-    add_edge(corner[1], corner[2]);
-    add_edge(corner[0], corner[3]);
-  }
-  Eigen::SparseMatrix<double> a(n, n);
-  a.setFromTriplets(entries.begin(), entries.end());
-  return CholeskyFactor(a);
-}
-
-VortexChoicePlan::VortexChoicePlan(const Image<std::uint8_t>& valid,
-                                   const VortexChoiceOptions& options, std::size_t capacity)
-    : options_(options),
-      capacity_(capacity),
-      rows_(valid.rows()),
-      cols_(valid.cols()),
-      tile_rows_(cores(valid.rows())),
-      tile_cols_(cores(valid.cols())) {
-  for (int i = 0; i < tile_rows_; ++i) {
-    for (int j = 0; j < tile_cols_; ++j) {
-      const auto [top, bottom] = span_of(i, tile_rows_, rows_);
-      const auto [left, right] = span_of(j, tile_cols_, cols_);
-      Image<std::uint8_t> part(bottom - top, right - left);
-      bool any = false;
-      for (int r = top; r < bottom; ++r) {
-        for (int c = left; c < right; ++c) {
-          part(r - top, c - left) = valid(r, c);
-          any = any || valid(r, c) != 0;
-        }
-      }
-      tile_of_core_.push_back(any ? static_cast<std::int32_t>(tiles_.size()) : -1);
-      if (any) tiles_.emplace_back(top, left, part);
-    }
-  }
-}
-
-std::int32_t VortexChoicePlan::tile_at(float x, float y) const {
-  const auto core = [](float place, int n, int parts) {
-    const int lenslet = std::clamp(static_cast<int>(std::floor(place + 0.5F)), 0, n - 1);
-    return std::min(((lenslet + 1) * parts - 1) / n, parts - 1);
-  };
-  return tile_of_core_[index(core(y, rows_, tile_rows_) * tile_cols_ + core(x, cols_, tile_cols_))];
-}
-
-namespace {
 
 template <typename Of>
 std::size_t largest(const VortexChoicePlan& plan, Of of) {

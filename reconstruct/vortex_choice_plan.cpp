@@ -1,0 +1,117 @@
+#include "reconstruct/vortex_choice_plan.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "reconstruct/vortex_loops.h"
+
+namespace curlew {
+namespace {
+
+constexpr int kOutsides = 2;  // faces 0 and 1
+
+std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
+
+Lattice lattice_of(const Image<std::uint8_t>& valid) {
+  Lattice lattice(valid.rows(), valid.cols());
+  lattice.build(valid);
+  return lattice;
+}
+
+/// Cores that an axis of n lenslets is cut into.
+int cores(int n) {
+  const int one = VortexChoicePlan::kCore + 2 * VortexChoicePlan::kMargin;
+  return n <= one ? 1 : (n + VortexChoicePlan::kCore - 1) / VortexChoicePlan::kCore;
+}
+
+/// The lenslets of one core with its margin, [first, last), of `parts` cores of n lenslets.
+std::array<int, 2> span_of(int part, int parts, int n) {
+  const int first = part * n / parts - VortexChoicePlan::kMargin;
+  const int last = (part + 1) * n / parts + VortexChoicePlan::kMargin;
+  return {std::max(first, 0), std::min(last, n)};
+}
+
+}  // namespace
+
+ChoiceTile::ChoiceTile(int row, int col, const Image<std::uint8_t>& valid)
+    : row_(row),
+      col_(col),
+      lattice_(lattice_of(valid)),
+      factor_(make_factor()),
+      unknown_(index(lattice_.n_corners())) {
+  for (int corner = 0; corner < lattice_.n_corners(); ++corner) {
+    const int face = lattice_.face_of(corner) - kOutsides;
+    unknown_[index(corner)] = face < 0 ? -1 : factor_.position()[index(face)];
+  }
+  std::vector<std::uint8_t> marked(index(factor_.size()));
+  std::vector<std::int32_t> columns(marked.size());
+  for (int r = 0; r <= lattice_.rows(); ++r) {
+    for (int c = 0; c <= lattice_.cols(); ++c) {
+      EliminationPath path(factor_, marked, columns.data());
+      for_each_cell(lattice_, static_cast<float>(c) - 0.5F, static_cast<float>(r) - 0.5F,
+                    [&](int corner, int, int) {
+                      if (unknown_of(corner) >= 0) path.add(unknown_of(corner));
+                    });
+      longest_path_ = std::max(longest_path_, path.finish());
+    }
+  }
+}
+
+CholeskyFactor ChoiceTile::make_factor() const {
+  const int n = lattice_.n_faces() - kOutsides;
+  std::vector<Eigen::Triplet<double>> entries;
+  const auto add_edge = [&](int corner_a, int corner_b) {
+    const int a = lattice_.face_of(corner_a) - kOutsides;
+    const int b = lattice_.face_of(corner_b) - kOutsides;
+    if (a == b) return;
+    if (a >= 0) entries.emplace_back(a, a, 1.0);
+    if (b >= 0) entries.emplace_back(b, b, 1.0);
+    if (a >= 0 && b >= 0) entries.emplace_back(std::max(a, b), std::min(a, b), -1.0);
+  };
+  for (int k = 0; k < lattice_.rows() * lattice_.cols(); ++k) {
+    if (lattice_.phase_group_of(k) < 0) continue;
+    const auto corner = lattice_.corners_of(k);
+    add_edge(corner[1], corner[2]);
+    add_edge(corner[0], corner[3]);
+  }
+  Eigen::SparseMatrix<double> a(n, n);
+  a.setFromTriplets(entries.begin(), entries.end());
+  return CholeskyFactor(a);
+}
+
+VortexChoicePlan::VortexChoicePlan(const Image<std::uint8_t>& valid,
+                                   const VortexChoiceOptions& options, std::size_t capacity)
+    : options_(options),
+      capacity_(capacity),
+      rows_(valid.rows()),
+      cols_(valid.cols()),
+      tile_rows_(cores(valid.rows())),
+      tile_cols_(cores(valid.cols())) {
+  for (int i = 0; i < tile_rows_; ++i) {
+    for (int j = 0; j < tile_cols_; ++j) {
+      const auto [top, bottom] = span_of(i, tile_rows_, rows_);
+      const auto [left, right] = span_of(j, tile_cols_, cols_);
+      Image<std::uint8_t> part(bottom - top, right - left);
+      bool any = false;
+      for (int r = top; r < bottom; ++r) {
+        for (int c = left; c < right; ++c) {
+          part(r - top, c - left) = valid(r, c);
+          any = any || valid(r, c) != 0;
+        }
+      }
+      tile_of_core_.push_back(any ? static_cast<std::int32_t>(tiles_.size()) : -1);
+      if (any) tiles_.emplace_back(top, left, part);
+    }
+  }
+}
+
+std::int32_t VortexChoicePlan::tile_at(float x, float y) const {
+  const auto core = [](float place, int n, int parts) {
+    const int lenslet = std::clamp(static_cast<int>(std::floor(place + 0.5F)), 0, n - 1);
+    return std::min(((lenslet + 1) * parts - 1) / n, parts - 1);
+  };
+  return tile_of_core_[index(core(y, rows_, tile_rows_) * tile_cols_ + core(x, cols_, tile_cols_))];
+}
+
+}  // namespace curlew

@@ -1,0 +1,43 @@
+#include "reconstruct/vortex_loops.h"
+
+#include <cstdint>
+
+namespace curlew {
+namespace {
+
+constexpr float kTwoPi = 6.28318530718F;
+
+std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
+
+}  // namespace
+
+VortexLoops vortex_loops(float x, float y, float charge, float softening) noexcept {
+  const float top = std::floor(y + 0.5F) - static_cast<float>(kLoopReach) - y;  // of the lenslets
+  const float left = std::floor(x + 0.5F) - static_cast<float>(kLoopReach) - x;
+  VortexLoops loops{};
+  for (int i = 0; i <= kLoopSide; ++i) {
+    for (int j = 0; j <= kLoopSide; ++j) {
+      const float dx = left + static_cast<float>(j);
+      const float dy = top + static_cast<float>(i);
+      const float inverse = charge / (dx * dx + dy * dy + softening);
+      const auto along = along_corners(-dy * inverse, dx * inverse);
+      const auto add = [&](int row, int col, float value) {
+        if (row >= 0 && row < kLoopSide && col >= 0 && col < kLoopSide)
+          loops[index(row * kLoopSide + col)] += value;
+      };
+      add(i - 1, j - 1, along[0]);
+      add(i - 1, j, along[1]);
+      add(i, j - 1, along[2]);
+      add(i, j, along[3]);
+    }
+  }
+  float sum[2] = {0.0F, 0.0F};
+  for (int i = 0; i < kLoopSide; ++i)
+    for (int j = 0; j < kLoopSide; ++j) sum[(i + j) % 2] += loops[index(i * kLoopSide + j)];
+  for (int i = 0; i < kLoopSide; ++i)
+    for (int j = 0; j < kLoopSide; ++j)
+      loops[index(i * kLoopSide + j)] *= charge * kTwoPi / sum[(i + j) % 2];
+  return loops;
+}
+
+}  // namespace curlew
