@@ -11,10 +11,11 @@ namespace curlew {
 namespace {
 
 constexpr std::size_t kCandidatesPerTrack = 4;
-constexpr float kGate = 13.8F;           // of χ² with two degrees of freedom: .999
-constexpr float kFarthest = 2.5F;        // pitches: no track is worth looking up farther
-constexpr float kLeastScore = -3.0F;     // a track that has fallen so low is given up
-constexpr float kLostPosition = 0.5F;    // pitches², variance: nor is one that may be anywhere
+constexpr std::size_t kPairsPerTrack = 12;  // candidates a track chooses among
+constexpr float kGate = 13.8F;              // of χ² with two degrees of freedom: .999
+constexpr float kFarthest = 2.5F;           // pitches: no track is worth looking up farther
+constexpr float kLeastScore = -3.0F;        // a track that has fallen so low is given up
+constexpr float kLostPosition = 0.5F;       // pitches², variance: nor is one that may be anywhere
 constexpr float kPairReach = 1.5F;       // pitches: opposite vortices nearer may be born together
 constexpr float kPairRadius = 1.0F;      // pitches: an unresolved pair tells of tracks this near
 constexpr float kSameVortex = 0.6F;      // pitches: tracks of one charge nearer are one
@@ -95,7 +96,7 @@ VortexTracker::VortexTracker(const TrackerOptions& options, int lenslet_rows, in
       likely_(observations_.size()),
       sorted_(capacity),
       pairs_(observations_.size()),
-      assignment_(capacity, observations_.size()) {
+      assignment_(capacity, observations_.size(), kPairsPerTrack) {
   reset();
 }
 

@@ -7,8 +7,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "core/assignment.h"
 #include "core/vortex.h"
-#include "detect/assignment.h"
 
 namespace curlew {
 

@@ -10,6 +10,8 @@ namespace {
 constexpr float kPi = 3.14159265358979F;
 constexpr std::int32_t kBuckets = 256;  // above the largest cost of an edge
 constexpr std::int32_t kFar = std::numeric_limits<std::int32_t>::max() / 4;
+// Cuts were as short with 64 where 250 residues had 40 possible partners each; 12 were too few.
+constexpr std::size_t kMostPartners = 128;
 constexpr std::int8_t kSource = 4;  // came_by: no side, the path begins here
 
 /// Sides of a cell: top, right, bottom, left. The way round the cell runs along its top edge to the
@@ -214,85 +216,33 @@ class Cutter {
     }
   }
 
-  /// Every positive residue takes a negative one or the outside. What a negative one saves by not
-  /// going outside itself is taken off its price.
+  /// Opposite residues are paired so that most is gained over every one's going outside by itself.
   void pair_residues() {
-    std::int32_t n_positive = 0;
-    std::int32_t n_negative = 0;
+    std::size_t n_positive = 0;
+    std::size_t n_negative = 0;
     for (std::int32_t i = 0; i < outside(); ++i) {
       if (ws_.residues[index(i)].charge > 0)
-        ws_.positive[index(n_positive++)] = i;
+        ws_.positive[n_positive++] = i;
       else
-        ws_.negative[index(n_negative++)] = i;
+        ws_.negative[n_negative++] = i;
     }
-    const auto price = [&](std::int32_t row, std::int32_t col) {
-      const std::int32_t from = ws_.positive[index(row)];
-      if (col < n_negative) {
-        const std::int32_t to = ws_.negative[index(col)];
-        return static_cast<double>(ws_.between(from, to)) -
-               static_cast<double>(ws_.between(to, outside()));
-      }
-      return col - n_negative == row ? static_cast<double>(ws_.between(from, outside()))
-                                     : static_cast<double>(kFar);
-    };
-    assign(n_positive, n_negative + n_positive, price);
-    for (std::int32_t col = 0; col < n_negative + n_positive; ++col) {
-      const std::int32_t row = ws_.match[index(col + 1)] - 1;
-      if (row < 0) {
-        if (col < n_negative) lay_cut(ws_.negative[index(col)], outside(), -1);
-        continue;
-      }
-      lay_cut(ws_.positive[index(row)], col < n_negative ? ws_.negative[index(col)] : outside(), 1);
-    }
-  }
-
-  /// Minimum-cost assignment of every row to a column of its own, by shortest augmenting paths
-  /// (Munkres; the form of R. Jonker and A. Volgenant, Computing 38, 325, 1987). match: [1 + cols],
-  /// 1 + the column's row, or 0.
-  template <typename Price>
-  void assign(std::int32_t rows, std::int32_t cols, Price price) {
-    std::fill_n(ws_.potential_row.begin(), rows + 1, 0.0);
-    std::fill_n(ws_.potential_col.begin(), cols + 1, 0.0);
-    std::fill_n(ws_.match.begin(), cols + 1, 0);
-    for (std::int32_t row = 1; row <= rows; ++row) {
-      ws_.match[0] = row;
-      std::int32_t col = 0;
-      std::fill_n(ws_.least.begin(), cols + 1, std::numeric_limits<double>::infinity());
-      std::fill_n(ws_.used.begin(), cols + 1, std::uint8_t{0});
-      do {
-        ws_.used[index(col)] = 1;
-        const std::int32_t from = ws_.match[index(col)];
-        double delta = std::numeric_limits<double>::infinity();
-        std::int32_t nearest = 0;
-        for (std::int32_t j = 1; j <= cols; ++j) {
-          if (ws_.used[index(j)] != 0) continue;
-          const double reduced =
-              price(from - 1, j - 1) - ws_.potential_row[index(from)] - ws_.potential_col[index(j)];
-          if (reduced < ws_.least[index(j)]) {
-            ws_.least[index(j)] = reduced;
-            ws_.way[index(j)] = col;
-          }
-          if (ws_.least[index(j)] < delta) {
-            delta = ws_.least[index(j)];
-            nearest = j;
-          }
-        }
-        for (std::int32_t j = 0; j <= cols; ++j) {
-          if (ws_.used[index(j)] != 0) {
-            ws_.potential_row[index(ws_.match[index(j)])] += delta;
-            ws_.potential_col[index(j)] -= delta;
-          } else {
-            ws_.least[index(j)] -= delta;
-          }
-        }
-        col = nearest;
-      } while (ws_.match[index(col)] != 0);
-      while (col != 0) {
-        const std::int32_t before = ws_.way[index(col)];
-        ws_.match[index(col)] = ws_.match[index(before)];
-        col = before;
+    ws_.assignment.clear(n_positive, n_negative);
+    for (std::size_t row = 0; row < n_positive; ++row) {
+      const std::int32_t from = ws_.positive[row];
+      for (std::size_t col = 0; col < n_negative; ++col) {
+        const std::int32_t to = ws_.negative[col];
+        const std::int32_t gain =
+            ws_.between(from, outside()) + ws_.between(to, outside()) - ws_.between(from, to);
+        ws_.assignment.allow(row, col, static_cast<float>(gain));
       }
     }
+    ws_.assignment.solve();
+    for (std::size_t row = 0; row < n_positive; ++row) {
+      const std::int32_t col = ws_.assignment.col_of_row()[row];
+      lay_cut(ws_.positive[row], col < 0 ? outside() : ws_.negative[index(col)], 1);
+    }
+    for (std::size_t col = 0; col < n_negative; ++col)
+      if (ws_.assignment.row_of_col()[col] < 0) lay_cut(ws_.negative[col], outside(), -1);
   }
 
   /// Carries a charge from one terminal to another, through those in between.
@@ -387,14 +337,9 @@ BranchCutWorkspace::BranchCutWorkspace(int rows, int cols, std::size_t capacity)
       between(static_cast<int>(capacity) + 1, static_cast<int>(capacity) + 1),
       via(between.rows(), between.cols()),
       contact(between.rows(), between.cols()),
-      potential_row(capacity + 1),
-      potential_col(2 * capacity + 1),
-      least(2 * capacity + 1),
-      match(2 * capacity + 1),
-      way(2 * capacity + 1),
       positive(capacity),
       negative(capacity),
-      used(2 * capacity + 1) {}
+      assignment(capacity, capacity, std::min(capacity, kMostPartners)) {}
 
 void unwrap_with_cuts(const Image<float>& wrapped, const Image<float>& flux,
                       const Image<std::uint8_t>& valid, BranchCutWorkspace& workspace,

@@ -3,8 +3,8 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <vector>
 
+#include "core/assignment.h"
 #include "core/fixed_list.h"
 #include "core/image.h"
 
@@ -44,9 +44,8 @@ struct BranchCutWorkspace {
   Image<std::int32_t> between;  ///< [terminals, terminals] length of the shortest way found
   Image<std::int32_t> via;      ///< the first terminal on it
   Image<std::int32_t> contact;  ///< 4·cell + side, where two neighbours' regions touch
-  AlignedVector<double> potential_row, potential_col, least;  ///< of the assignment
-  AlignedVector<std::int32_t> match, way, positive, negative;
-  std::vector<std::uint8_t> used;
+  AlignedVector<std::int32_t> positive, negative;
+  Assignment assignment;
 };
 
 /// Unwraps a phase that has vortices.
@@ -56,9 +55,10 @@ struct BranchCutWorkspace {
 /// turn. Residues are joined by cuts in opposite pairs, or with the array's edge, so that the light
 /// of the lenslets on both sides of the cuts, Σ flux, is least: shortest paths over the cells from
 /// all residues at once (D. Dial's buckets; costs are rounded to 1/16 of the mean flux, and cut
-/// edges cost 1/16 at least so that dark ways are short), then the pairs of the minimum-cost
-/// assignment (Munkres). flux: [rows, cols], any unit, taken for 0 where valid is 0, so that cuts
-/// run outside the pupil, and to its edge, free of charge.
+/// edges cost 1/16 at least so that dark ways are short), then the best pairs of all
+/// (core/assignment.h; a residue is offered the 128 opposite ones at most that save most over going
+/// to the edge). flux: [rows, cols], any unit, taken for 0 where valid is 0, so that cuts run
+/// outside the pupil, and to its edge, free of charge.
 /// unwrapped: [rows, cols], wrapped + 2π·(whole number), which differs between neighbours by less
 /// than π but across cuts.
 /// Residues beyond the workspace's capacity are not joined; then the phase has more jumps.

@@ -7,7 +7,7 @@
 #include <tuple>
 #include <utility>
 
-#include "detect/assignment.h"
+#include "core/assignment.h"
 #include "service/tracking_dataset.h"
 #include "service/truth.h"
 
@@ -51,6 +51,8 @@ std::vector<std::size_t> match(const std::vector<TrueVortex>& truth,
   return hit_by;
 }
 
+constexpr std::size_t kTracksPerVortex = 12;  // that are looked at
+
 /// One to one, so that most hits agree; fills the frames' consistent_hits.
 void count_consistent_hits(const std::vector<std::vector<std::pair<int, std::int64_t>>>& hits,
                            std::vector<TrackingCounts>& frames) {
@@ -65,7 +67,7 @@ void count_consistent_hits(const std::vector<std::vector<std::pair<int, std::int
       cols.emplace(track, cols.size());
     }
   }
-  Assignment assignment(rows.size(), cols.size());
+  Assignment assignment(rows.size(), cols.size(), kTracksPerVortex);
   assignment.clear(rows.size(), cols.size());
   for (const auto& [pair, n] : together)
     assignment.allow(rows[pair.first], cols[pair.second], static_cast<float>(n));

@@ -1,4 +1,4 @@
-#include "detect/assignment.h"
+#include "core/assignment.h"
 
 #include <algorithm>
 #include <cassert>
@@ -9,14 +9,14 @@ namespace curlew {
 namespace {
 
 constexpr float kUnreached = std::numeric_limits<float>::infinity();
-constexpr std::size_t kPairs = Assignment::kPairsPerRow;
 
 std::size_t index(std::int32_t i) noexcept { return static_cast<std::size_t>(i); }
 
 }  // namespace
 
-Assignment::Assignment(std::size_t max_rows, std::size_t max_cols)
-    : pairs_(max_rows * kPairs),
+Assignment::Assignment(std::size_t max_rows, std::size_t max_cols, std::size_t pairs_per_row)
+    : pairs_per_row_(pairs_per_row),
+      pairs_(max_rows * pairs_per_row),
       pair_count_(max_rows),
       col_of_row_(max_rows),
       row_of_col_(max_cols),
@@ -35,14 +35,14 @@ void Assignment::clear(std::size_t rows, std::size_t cols) noexcept {
 
 void Assignment::allow(std::size_t row, std::size_t col, float gain) noexcept {
   if (!(gain > 0.0F)) return;
-  Pair* pairs = &pairs_[row * kPairs];
+  Pair* pairs = &pairs_[row * pairs_per_row_];
   std::int32_t& n = pair_count_[row];
   const Pair pair{static_cast<std::int32_t>(col), gain};
-  if (n < kPairsPerRow) {
+  if (index(n) < pairs_per_row_) {
     pairs[n++] = pair;
     return;
   }
-  Pair* least = std::min_element(pairs, pairs + kPairs,
+  Pair* least = std::min_element(pairs, pairs + pairs_per_row_,
                                  [](const Pair& a, const Pair& b) { return a.gain < b.gain; });
   if (least->gain < gain) *least = pair;
 }
@@ -61,7 +61,7 @@ void Assignment::place(std::size_t first) noexcept {
   std::size_t n_reached = 0;
   const auto reach_from = [&](std::size_t row, float so_far) {
     for (std::int32_t k = 0; k < pair_count_[row]; ++k) {
-      const Pair& pair = pairs_[row * kPairs + index(k)];
+      const Pair& pair = pairs_[row * pairs_per_row_ + index(k)];
       const std::size_t col = index(pair.col);
       if (settled_[col] != 0) continue;
       const float cost = so_far - pair.gain - price_[col];
@@ -103,7 +103,7 @@ void Assignment::place(std::size_t first) noexcept {
     // Taking `next` from its holder: gives back the gain of their pair.
     float gain = 0.0F;
     for (std::int32_t k = 0; k < pair_count_[index(holder)]; ++k) {
-      const Pair& pair = pairs_[index(holder) * kPairs + index(k)];
+      const Pair& pair = pairs_[index(holder) * pairs_per_row_ + index(k)];
       if (pair.col == next) gain = pair.gain;
     }
     const float so_far = least + gain + price_[index(next)];

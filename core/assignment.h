@@ -13,9 +13,8 @@ namespace curlew {
 /// leaves the cluster it begins in. Whoever gains nothing stays free.
 class Assignment {
  public:
-  static constexpr int kPairsPerRow = 12;  ///< of more, those of least gain are left out
-
-  Assignment(std::size_t max_rows, std::size_t max_cols);
+  /// pairs_per_row: of more, those of least gain are left out.
+  Assignment(std::size_t max_rows, std::size_t max_cols, std::size_t pairs_per_row);
 
   /// Begins anew with so many, at most those of the constructor.
   void clear(std::size_t rows, std::size_t cols) noexcept;
@@ -35,9 +34,10 @@ class Assignment {
   };
   void place(std::size_t first) noexcept;
 
+  std::size_t pairs_per_row_;
   std::size_t rows_ = 0;
   std::size_t cols_ = 0;
-  std::vector<Pair> pairs_;               // [max rows, kPairsPerRow]
+  std::vector<Pair> pairs_;               // [max rows, pairs_per_row]
   std::vector<std::int32_t> pair_count_;  // [max rows]
   std::vector<std::int32_t> col_of_row_;
   std::vector<std::int32_t> row_of_col_;
