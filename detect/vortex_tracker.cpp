@@ -1,11 +1,8 @@
 #include "detect/vortex_tracker.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-
-#include "core/error.h"
 
 namespace curlew {
 namespace {
@@ -31,8 +28,8 @@ constexpr float kSurerByMean = 0.9F;
 constexpr float kLearning = 0.02F;      // a frame
 constexpr float kFirstDensity = 0.02F;  // vortices of one charge a square pitch
 constexpr float kFirstDetection = 0.9F;
-constexpr int kLeastForDrift = 3;  // tracks
-constexpr int kAgeForDrift = 5;    // frames
+constexpr std::size_t kLeastForDrift = 3;  // tracks
+constexpr int kAgeForDrift = 5;            // frames
 
 template <typename T>
 T square(T x) noexcept {
@@ -58,21 +55,9 @@ float log_odds_of_significance(float significance, float density) noexcept {
   return std::clamp(odds, -kMostLogOdds, kMostLogOdds);
 }
 
-const TrackerOptions& checked(const TrackerOptions& o) {
-  const auto part = [](double x) { return x > 0.0 && x <= 1.0; };
-  const auto positive = [](double x) { return std::isfinite(x) && x > 0.0; };
-  if (!positive(o.false_tracks_per_frame))
-    throw UsageError("false tracks a frame must be a number above 0, such as 0.001");
-  if (!part(o.min_probability) || !part(o.min_probability_single))
-    throw UsageError("a track's least probability must be above 0 and at most 1");
-  if (!part(o.evidence_weight) || !part(o.memory) || !part(o.lone_birth))
-    throw UsageError("a tracker's weights must be above 0 and at most 1");
-  if (!(o.max_score >= 2.0) || !(o.lasting_error >= 0.0) || !(o.average_frames >= 1.0) ||
-      !positive(o.unknown_error) || !positive(o.own_velocity) || !positive(o.own_velocity_frames) ||
-      !positive(o.wander) || !positive(o.max_drift) || !positive(o.longest_gap_frames))
-    throw UsageError(
-        "a tracker's errors, speeds and times must be above 0, its largest score 2 or more");
-  return o;
+const TrackerOptions& checked(const TrackerOptions& options) {
+  check_tracker_options(options);
+  return options;
 }
 
 template <typename A, typename B>
@@ -94,9 +79,11 @@ VortexTracker::VortexTracker(const TrackerOptions& options, int lenslet_rows, in
       rows_of_charge_(capacity),
       cols_of_charge_(observations_.size()),
       likely_(observations_.size()),
-      sorted_(capacity),
+      velocity_x_(capacity),
+      velocity_y_(capacity),
       pairs_(observations_.size()),
-      assignment_(capacity, observations_.size(), kPairsPerTrack) {
+      assignment_(capacity, observations_.size(), kPairsPerTrack),
+      motion_(options) {
   reset();
 }
 
@@ -105,9 +92,7 @@ void VortexTracker::reset() noexcept {
   n_observations_ = 0;
   n_pairs_ = 0;
   frames_ = 0;
-  interval_s_ = 0.0F;
-  drift_.setZero();
-  drift_known_ = 0.0F;
+  motion_.reset();
   density_ = kFirstDensity;
   detection_ = kFirstDetection;
   births_ = 1.0F;
@@ -147,48 +132,28 @@ bool VortexTracker::advance(double time_s) noexcept {
     return true;
   }
   const auto dt = static_cast<float>(time_s - time_s_);
-  if (dt == 0.0F && interval_s_ > 0.0F) {  // a clock too coarse for the frames
-    predict(interval_s_);
+  if (dt == 0.0F && motion_.interval_s() > 0.0F) {  // a clock too coarse for the frames
+    predict(motion_.interval_s());
     return true;
   }
   if (!(dt > 0.0F)) return false;
-  if (interval_s_ == 0.0F) {
-    interval_s_ = dt;
-    const float unknown = square(static_cast<float>(options_.max_drift) / interval_s_);
-    for (std::size_t i = 0; i < n_tracks_; ++i)
-      tracks_[i].covariance.bottomRightCorner<2, 2>() = unknown * Eigen::Matrix2f::Identity();
+  if (motion_.interval_s() == 0.0F) {
+    motion_.learn_interval(dt);
+    for (std::size_t i = 0; i < n_tracks_; ++i) motion_.doubt_velocity(tracks_[i].state);
   }
-  if (dt > static_cast<float>(options_.longest_gap_frames) * interval_s_) return false;
-  interval_s_ += 0.05F * (std::clamp(dt, 0.5F * interval_s_, 2.0F * interval_s_) - interval_s_);
+  if (dt > static_cast<float>(options_.longest_gap_frames) * motion_.interval_s()) return false;
+  motion_.learn_interval(dt);
   time_s_ = time_s;
   predict(dt);
   return true;
 }
 
-// A velocity of its own dies away, and is renewed so that its variance lasts.
 void VortexTracker::predict(float dt) noexcept {
-  const float frames = dt / interval_s_;
-  const float stays =
-      drift_known_ * std::exp(-frames / static_cast<float>(options_.own_velocity_frames)) +
-      (1.0F - drift_known_);
-  const float renewed =
-      square(static_cast<float>(options_.own_velocity) / interval_s_) *
-      (1.0F - std::exp(-2.0F * frames / static_cast<float>(options_.own_velocity_frames)));
-  const float wander = square(static_cast<float>(options_.wander)) * frames;
+  const MotionStep step = motion_.step(dt);
   std::size_t kept = 0;
   for (std::size_t i = 0; i < n_tracks_; ++i) {
     Track& track = tracks_[i];
-    track.state.head<2>() += dt * track.state.tail<2>();
-    track.state.tail<2>() = stays * track.state.tail<2>() + (1.0F - stays) * drift_;
-    const Eigen::Matrix2f cross = track.covariance.topRightCorner<2, 2>();
-    const Eigen::Matrix2f velocity = track.covariance.bottomRightCorner<2, 2>();
-    track.covariance.topLeftCorner<2, 2>() += dt * (cross + cross.transpose()) +
-                                              square(dt) * velocity +
-                                              wander * Eigen::Matrix2f::Identity();
-    track.covariance.topRightCorner<2, 2>() = stays * (cross + dt * velocity);
-    track.covariance.bottomLeftCorner<2, 2>() = track.covariance.topRightCorner<2, 2>().transpose();
-    track.covariance.bottomRightCorner<2, 2>() =
-        square(stays) * velocity + renewed * Eigen::Matrix2f::Identity();
+    track.state.predict(step);
     if (distance_to_edge(track.state.x(), track.state.y()) < -kOutside) continue;
     if (kept != i) tracks_[kept] = track;
     ++kept;
@@ -256,16 +221,11 @@ void VortexTracker::assign(const VortexList& candidates, std::int32_t charge) no
     const float missed = std::log1p(-exists * detection_);
     for (std::size_t col = 0; col < cols; ++col) {
       const auto j = static_cast<std::size_t>(cols_of_charge_[col]);
-      const Eigen::Vector2f off = place(candidates[j]) - track.state.head<2>();
-      if (off.squaredNorm() > square(kFarthest)) continue;
-      const Eigen::Matrix2f spread =
-          track.covariance.topLeftCorner<2, 2>() + observations_[j].covariance;
-      const float determinant = spread.determinant();
-      const float mahalanobis = off.dot(spread.inverse() * off);
-      if (mahalanobis > kGate) continue;
-      const float ratio =
-          observations_[j].log_odds - 0.5F * mahalanobis -
-          std::log(2.0F * std::numbers::pi_v<float> * std::sqrt(determinant) * density_);
+      const Eigen::Vector2f position = place(candidates[j]);
+      if ((position - track.state.mean.head<2>()).squaredNorm() > square(kFarthest)) continue;
+      const Innovation innovation = track.state.innovation(position, observations_[j].covariance);
+      if (innovation.mahalanobis2 > kGate) continue;
+      const float ratio = evidence(observations_[j], innovation);
       const float seen = std::log1p(exists * (std::exp(std::min(ratio, 30.0F)) - 1.0F));
       assignment_.allow(row, col, seen - missed - softplus(observations_[j].birth_log_odds));
     }
@@ -280,22 +240,22 @@ void VortexTracker::assign(const VortexList& candidates, std::int32_t charge) no
   }
 }
 
+/// ln[p/(1 − p) · N(z)/ρ].
+float VortexTracker::evidence(const Observation& observation,
+                              const Innovation& innovation) const noexcept {
+  return observation.log_odds - 0.5F * innovation.mahalanobis2 -
+         std::log(2.0F * std::numbers::pi_v<float> * std::sqrt(innovation.determinant) * density_);
+}
+
 void VortexTracker::follow(Track& track, const Vortex& candidate,
                            const Observation& observation) noexcept {
-  const Eigen::Vector2f off = place(candidate) - track.state.head<2>();
-  const Eigen::Matrix2f spread = track.covariance.topLeftCorner<2, 2>() + observation.covariance;
-  const Eigen::Matrix2f inverse = spread.inverse();
-  const float evidence =
-      observation.log_odds - 0.5F * off.dot(inverse * off) -
-      std::log(2.0F * std::numbers::pi_v<float> * std::sqrt(spread.determinant()) * density_);
+  const Innovation innovation = track.state.innovation(place(candidate), observation.covariance);
   if (track.score > 0.0F) track.score *= static_cast<float>(options_.memory);
-  track.score = std::min(track.score + static_cast<float>(options_.evidence_weight) * evidence,
+  track.score = std::min(track.score + static_cast<float>(options_.evidence_weight) *
+                                           evidence(observation, innovation),
                          static_cast<float>(options_.max_score));
   average(track, observation.log_odds);
-  const Eigen::Matrix<float, 4, 2> gain = track.covariance.leftCols<2>() * inverse;
-  track.state += gain * off;
-  track.covariance -= (gain * track.covariance.topRows<2>()).eval();
-  track.covariance = (0.5F * (track.covariance + track.covariance.transpose())).eval();
+  track.state.update(innovation);
   track.last = candidate;
 }
 
@@ -338,15 +298,7 @@ void VortexTracker::begin_tracks(const VortexList& candidates) noexcept {
     track = Track{};
     track.charge = candidate.charge;
     track.last = candidate;
-    track.state << candidate.x, candidate.y, drift_.x(), drift_.y();
-    track.covariance.setZero();
-    track.covariance.topLeftCorner<2, 2>() = observation.covariance;
-    const float own = square(static_cast<float>(options_.own_velocity));
-    const float unknown = square(static_cast<float>(options_.max_drift));
-    const float velocity = own + (1.0F - drift_known_) * unknown;
-    // Before the second frame nobody knows how long a frame is; see advance().
-    track.covariance(2, 2) = track.covariance(3, 3) =
-        interval_s_ > 0.0F ? velocity / square(interval_s_) : 0.0F;
+    track.state = motion_.begin(place(candidate), observation.covariance);
     track.score = static_cast<float>(options_.evidence_weight) * observation.birth_log_odds;
     track.evidence = observation.log_odds;
     track.seen = static_cast<std::int32_t>(j);
@@ -364,8 +316,8 @@ void VortexTracker::settle() noexcept {
   std::size_t kept = 0;
   for (std::size_t i = 0; i < n_tracks_; ++i) {
     Track& track = tracks_[i];
-    bool lost = track.score < kLeastScore || track.covariance(0, 0) > kLostPosition ||
-                track.covariance(1, 1) > kLostPosition;
+    bool lost = track.score < kLeastScore || track.state.covariance(0, 0) > kLostPosition ||
+                track.state.covariance(1, 1) > kLostPosition;
     for (std::size_t j = 0; track.seen < 0 && j < kept && !lost; ++j)
       lost =
           tracks_[j].charge == track.charge && is_near(tracks_[j].state, track.state, kSameVortex);
@@ -396,23 +348,15 @@ void VortexTracker::learn() noexcept {
   }
 }
 
-/// The median of the confirmed tracks' velocities, smoothed.
+/// From the confirmed tracks.
 void VortexTracker::learn_drift() noexcept {
-  Eigen::Vector2f median;
   std::size_t n = 0;
-  for (int axis = 0; axis < 2; ++axis) {
-    n = 0;
-    for (std::size_t i = 0; i < n_tracks_; ++i)
-      if (tracks_[i].id >= 0 && tracks_[i].age >= kAgeForDrift)
-        sorted_[n++] = tracks_[i].state(axis + 2);
-    if (n < kLeastForDrift) return;
-    std::sort(sorted_.begin(), sorted_.begin() + static_cast<std::ptrdiff_t>(n));
-    median(axis) = 0.5F * (sorted_[(n - 1) / 2] + sorted_[n / 2]);
+  for (std::size_t i = 0; i < n_tracks_; ++i) {
+    if (tracks_[i].id < 0 || tracks_[i].age < kAgeForDrift) continue;
+    velocity_x_[n] = tracks_[i].state.mean(2);
+    velocity_y_[n++] = tracks_[i].state.mean(3);
   }
-  // Fast at first, then an average over some 20 frames.
-  const float gain = std::max(0.05F, 1.0F - drift_known_);
-  drift_ += gain * (median - drift_);
-  drift_known_ += 0.1F * (1.0F - drift_known_);
+  if (n >= kLeastForDrift) motion_.learn_drift({velocity_x_.data(), n}, {velocity_y_.data(), n});
 }
 
 /// What detectors make of a track, over its last frames.
@@ -438,14 +382,14 @@ void VortexTracker::report(VortexList& vortices) noexcept {
     const double least = track.id >= 0 ? options_.min_probability : options_.min_probability_single;
     if (static_cast<double>(sure) < least) continue;
     Vortex vortex = track.last;
-    vortex.x = std::clamp(track.state(0), 0.0F, cols_ - 1.0F);
-    vortex.y = std::clamp(track.state(1), 0.0F, rows_ - 1.0F);
+    vortex.x = std::clamp(track.state.mean(0), 0.0F, cols_ - 1.0F);
+    vortex.y = std::clamp(track.state.mean(1), 0.0F, rows_ - 1.0F);
     vortex.probability = sure;
-    vortex.variance_x = track.covariance(0, 0) + lasting;
-    vortex.variance_y = track.covariance(1, 1) + lasting;
-    vortex.covariance_xy = track.covariance(0, 1);
-    vortex.velocity_x = track.state(2);
-    vortex.velocity_y = track.state(3);
+    vortex.variance_x = track.state.covariance(0, 0) + lasting;
+    vortex.variance_y = track.state.covariance(1, 1) + lasting;
+    vortex.covariance_xy = track.state.covariance(0, 1);
+    vortex.velocity_x = track.state.mean(2);
+    vortex.velocity_y = track.state.mean(3);
     vortex.track = track.id;
     if (track.seen < 0) vortex.flags |= kVortexPredicted;
     vortices.push(vortex);

@@ -9,39 +9,10 @@
 
 #include "core/assignment.h"
 #include "core/vortex.h"
+#include "detect/tracker_options.h"
+#include "detect/vortex_motion.h"
 
 namespace curlew {
-
-struct TrackerOptions {
-  /// Mean number of false tracks confirmed a frame where all candidates are clutter that comes
-  /// independently in every frame, with the probabilities its detector states. More than 0.
-  double false_tracks_per_frame = 0.003;
-  /// A confirmed track is reported while it is at least this likely to be a vortex.
-  double min_probability = 0.5;
-  /// What is not confirmed is reported, without a track, if it is this likely; 1: never.
-  double min_probability_single = 1.0;
-  /// What a frame's evidence for or against a track counts, in (0, 1]. Below 1 because what
-  /// misleads a detector lasts for some frames.
-  double evidence_weight = 0.5;
-  /// The part of the evidence in favour that is still believed a frame later, in (0, 1].
-  double memory = 0.85;
-  double average_frames = 4.0;  ///< that the detector's own opinion of a track is averaged over
-  /// 2 or more; evidence beyond is forgotten at once, for tracks must end too.
-  double max_score = 12.0;
-  /// rms along an axis, pitches, of that part of the position errors that does not average out over
-  /// the frames; added to the covariance that is reported.
-  double lasting_error = 0.16;
-  double unknown_error = 0.35;  ///< rms along an axis, pitches, where the detector states none
-  /// Vortices move with the common drift but for a velocity of their own: its standard deviation,
-  /// pitches a frame, and the frames it lasts.
-  double own_velocity = 0.03;
-  double own_velocity_frames = 15.0;
-  double wander = 0.04;     ///< rms of what else moves them in a frame, pitches
-  double max_drift = 0.15;  ///< standard deviation of the common drift before it is known, pitches
-  /// Interior births without an opposite one near are this much less likely than others.
-  double lone_birth = 0.3;
-  double longest_gap_frames = 20.0;  ///< after a longer one all begins anew
-};
 
 /// Follows the vortices of successive frames, one candidate a track at most, of its own charge.
 ///
@@ -75,15 +46,11 @@ class VortexTracker {
   /// Candidates that found no room for a track, ever.
   std::int64_t overflow() const { return overflow_; }
   /// The drift common to all, pitches a second; 0 while unknown.
-  std::array<float, 2> drift() const { return {drift_.x(), drift_.y()}; }
+  std::array<float, 2> drift() const { return {motion_.drift().x(), motion_.drift().y()}; }
 
  private:
-  using State = Eigen::Matrix<float, 4, 1>;  // x, y in pitches; velocity in pitches a second
-  using Covariance = Eigen::Matrix<float, 4, 4>;
-
   struct Track {
-    State state = State::Zero();  // at the time of the frame
-    Covariance covariance = Covariance::Zero();
+    MotionState state;
     Vortex last;           // candidate
     std::int64_t id = -1;  // −1: not confirmed
     float score = 0;       // ln of the odds
@@ -104,6 +71,7 @@ class VortexTracker {
   void observe(const VortexList& candidates) noexcept;
   void weigh_births(const VortexList& candidates) noexcept;
   void assign(const VortexList& candidates, std::int32_t charge) noexcept;
+  float evidence(const Observation& observation, const Innovation& innovation) const noexcept;
   void follow(Track& track, const Vortex& candidate, const Observation& observation) noexcept;
   void miss(Track& track) noexcept;
   void begin_tracks(const VortexList& candidates) noexcept;
@@ -125,21 +93,20 @@ class VortexTracker {
   std::vector<std::int32_t> rows_of_charge_;  // tracks and observations of the charge in hand
   std::vector<std::int32_t> cols_of_charge_;
   std::vector<std::int32_t> likely_;  // observations
-  std::vector<float> sorted_;
+  std::vector<float> velocity_x_;     // of the tracks that tell the drift
+  std::vector<float> velocity_y_;
   std::vector<Vortex> pairs_;  // of charge 0, this frame's
   std::size_t n_pairs_ = 0;
   Assignment assignment_;
+  VortexMotion motion_;
 
   std::int64_t next_id_ = 0;
   std::int64_t overflow_ = 0;
   double time_s_ = 0;
-  int frames_ = 0;         // since the beginning
-  float interval_s_ = 0;   // from frame to frame, 0 until known
-  Eigen::Vector2f drift_;  // pitches a second
-  float drift_known_ = 0;  // 0 … 1
-  float density_ = 0;      // vortices of one charge a square pitch
-  float detection_ = 0;    // P_D
-  float births_ = 0;       // candidates a frame that begin tracks
+  int frames_ = 0;       // since the beginning
+  float density_ = 0;    // vortices of one charge a square pitch
+  float detection_ = 0;  // P_D
+  float births_ = 0;     // candidates a frame that begin tracks
 };
 
 }  // namespace curlew

@@ -9,7 +9,7 @@
 #include "acquisition/camera_options.h"
 #include "centroiding/centroid.h"
 #include "detect/vortex_finder.h"
-#include "detect/vortex_tracker.h"
+#include "detect/tracker_options.h"
 #include "reconstruct/split.h"
 #include "service/realtime.h"
 #include "service/recorder.h"

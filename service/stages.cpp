@@ -71,8 +71,8 @@ Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config
   if (config.hidden_phase)
     hidden_phase.emplace(split, HiddenPhaseOptions{},
                          std::min(detect.candidate_capacity(), kMostJudged));
-  if (config.vortices.track)  // throws here, where a plan is made, and not where it is taken up
-    const VortexTracker check(tracker, grid.rows, grid.cols, 1);
+  // Here, where a plan is made, and not where it is taken up.
+  if (config.vortices.track) check_tracker_options(tracker);
 }
 
 FrameSlot::FrameSlot(const Plan& plan_of_slot, VortexTracker* frames_tracker)
