@@ -1,12 +1,11 @@
 #include "service/detection_benchmark.h"
 
-#include <algorithm>
-#include <chrono>
 #include <cstddef>
 #include <memory>
 #include <mutex>
 #include <utility>
 
+#include "service/bench_timing.h"
 #include "service/detection_rows.h"
 #include "service/parallel.h"
 
@@ -14,21 +13,6 @@ namespace curlew {
 namespace {
 
 constexpr std::uint64_t kBootstrapSeed = 20070401;
-
-/// How long it takes to do something, µs.
-template <typename Do>
-double time_us(Do something) {
-  const auto start = std::chrono::steady_clock::now();
-  something();
-  return std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - start)
-      .count();
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 std::size_t size(int n) { return static_cast<std::size_t>(n); }
 

@@ -1,8 +1,8 @@
 #include <algorithm>
-#include <chrono>
 #include <random>
 
 #include "reconstruct/hidden_phase.h"
+#include "service/bench_timing.h"
 #include "service/phase_benchmark.h"
 
 namespace curlew {
@@ -10,20 +10,6 @@ namespace {
 
 constexpr float kNoise = 0.2F;       // rad a pitch
 constexpr float kSeparation = 2.0F;  // of a pair, pitches
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-template <typename Do>
-double time_us(Do something) {
-  const auto start = std::chrono::steady_clock::now();
-  something();
-  return std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - start)
-      .count();
-}
 
 /// The true vortices at p = .8, and as many that are none at .2.
 void place_vortices(int size, int n, std::mt19937& random, VortexList& candidates,

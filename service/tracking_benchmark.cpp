@@ -1,7 +1,6 @@
 #include "service/tracking_benchmark.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -11,6 +10,7 @@
 #include "acquisition/random_stream.h"
 #include "core/error.h"
 #include "detect/vortex_classifier.h"
+#include "service/bench_timing.h"
 #include "service/parallel.h"
 #include "service/spot_camera.h"
 #include "service/truth.h"
@@ -205,9 +205,7 @@ TrackingCell run_cell(const TrackingBenchmarkOptions& options, double photons,
   }
   cell.frame_by_frame = make_row(frame_by_frame, options.bootstrap_samples);
   cell.tracked = make_row(tracked, options.bootstrap_samples);
-  const auto middle = times_us.begin() + static_cast<std::ptrdiff_t>(times_us.size() / 2);
-  std::nth_element(times_us.begin(), middle, times_us.end());
-  cell.tracker_us = *middle;
+  cell.tracker_us = median(times_us);
   return cell;
 }
 
@@ -277,10 +275,9 @@ std::vector<std::vector<ReportedVortex>> track(const std::vector<std::vector<Vor
   for (const std::vector<Vortex>& found : candidates) {
     list.clear();
     for (const Vortex& candidate : found) list.push(candidate);
-    const auto start = std::chrono::steady_clock::now();
-    tracker.update(kFrameS * static_cast<double>(frames.size()), list);
-    const std::chrono::duration<double, std::micro> took = std::chrono::steady_clock::now() - start;
-    if (times_us != nullptr) times_us->push_back(took.count());
+    const double took_us =
+        time_us([&] { tracker.update(kFrameS * static_cast<double>(frames.size()), list); });
+    if (times_us != nullptr) times_us->push_back(took_us);
     std::vector<ReportedVortex>& frame = frames.emplace_back();
     for (const Vortex& vortex : list) {
       if (vortex.charge == 0) continue;
