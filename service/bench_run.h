@@ -1,9 +1,11 @@
 // What all benchmarks on simulated fields have in common: where fields are kept, how they are run.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "service/detection_dataset.h"
+#include "service/progress.h"
 
 namespace CLI {
 class App;
@@ -23,7 +25,18 @@ struct BenchRun {
   /// --quick, --cache, --no-cache, --threads, --json. quick_text: what --quick does.
   void add_to(CLI::App& command, const std::string& quick_text, int& threads);
 
-  /// Throws Failure where the user has asked to stop.
+  /// What work(step) returns, behind a progress bar of n steps. step() throws Failure where the
+  /// user has asked to stop.
+  template <class Work>
+  auto watch(const char* what, std::int64_t n, Work work) const {
+    Progress progress(what, n);
+    return work([&] {
+      progress.step();
+      check_interrupt();
+    });
+  }
+
+ private:
   void check_interrupt() const;
 };
 

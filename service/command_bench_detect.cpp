@@ -12,7 +12,6 @@
 #include "service/bench_run.h"
 #include "service/commands.h"
 #include "service/detection_benchmark.h"
-#include "service/progress.h"
 #include "service/version.h"
 
 namespace curlew {
@@ -148,15 +147,9 @@ void bench_detect(DetectOptionsOfBench options) {
   const RealisationCache cache(options.run.folder());
   announce(benchmark, cache);
   const int per_cell = benchmark.test_realisations + benchmark.validation_realisations;
-  std::vector<DetectionCellResult> cells;
-  {
-    const auto n = static_cast<std::int64_t>(benchmark.rytov_variances.size()) * per_cell;
-    Progress progress("fields", n);
-    cells = run_detection_benchmark(benchmark, cache, [&] {
-      progress.step();
-      options.run.check_interrupt();
-    });
-  }
+  const auto n = static_cast<std::int64_t>(benchmark.rytov_variances.size()) * per_cell;
+  const std::vector<DetectionCellResult> cells = options.run.watch(
+      "fields", n, [&](auto step) { return run_detection_benchmark(benchmark, cache, step); });
   if (options.run.json) {
     fmt::print("{}\n", results_json(benchmark, cells).dump(2));
     return;

@@ -12,7 +12,6 @@
 #include "service/bench_run.h"
 #include "service/commands.h"
 #include "service/phase_benchmark.h"
-#include "service/progress.h"
 #include "service/version.h"
 
 namespace curlew {
@@ -97,15 +96,11 @@ void bench_phase(PhaseOptionsOfBench options) {
   }
   const RealisationCache realisations(options.run.folder());
   const PhaseFieldCache fields(options.run.folder());
-  std::vector<PhaseCellResult> cells;
-  {
-    Progress progress("fields", static_cast<std::int64_t>(benchmark.rytov_variances.size()) *
-                                    benchmark.realisations);
-    cells = run_phase_benchmark(benchmark, realisations, fields, [&] {
-      progress.step();
-      options.run.check_interrupt();
-    });
-  }
+  const auto n =
+      static_cast<std::int64_t>(benchmark.rytov_variances.size()) * benchmark.realisations;
+  const std::vector<PhaseCellResult> cells = options.run.watch("fields", n, [&](auto step) {
+    return run_phase_benchmark(benchmark, realisations, fields, step);
+  });
   std::vector<PhaseTiming> timings;
   timings.reserve(kTimed.size());
   for (const auto& [size, vortices] : kTimed)

@@ -12,7 +12,6 @@
 #include "core/error.h"
 #include "service/bench_run.h"
 #include "service/commands.h"
-#include "service/progress.h"
 #include "service/tracking_benchmark.h"
 #include "service/version.h"
 
@@ -151,14 +150,8 @@ void bench_track(TrackOptionsOfBench options) {
   constexpr double kSecondsPerPart = 17.0;  // measured
   fmt::print(stderr, "{} parts of 50 frames, {} of them kept from before; about {:.0f} s\n", parts,
              kept, std::ceil(kSecondsPerPart * (parts - kept) / benchmark.threads));
-  std::vector<TrackingCell> cells;
-  {
-    Progress progress("parts", parts);
-    cells = run_tracking_benchmark(benchmark, folder, [&] {
-      progress.step();
-      options.run.check_interrupt();
-    });
-  }
+  const std::vector<TrackingCell> cells = options.run.watch(
+      "parts", parts, [&](auto step) { return run_tracking_benchmark(benchmark, folder, step); });
   if (options.run.json) {
     fmt::print("{}\n", results_json(benchmark, cells).dump(2));
     return;
