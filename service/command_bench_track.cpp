@@ -1,12 +1,12 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/error.h"
@@ -27,18 +27,9 @@ struct TrackOptionsOfBench {
 /// Of one figure over the samples; `of` may subtract two rows.
 template <typename Of>
 Interval interval_of_samples(std::size_t n, Of of) {
-  std::vector<double> sorted;
-  for (std::size_t i = 0; i < n; ++i) {
-    const double value = of(i);
-    if (!std::isnan(value)) sorted.push_back(value);
-  }
-  if (sorted.empty()) return {NAN, NAN};
-  std::sort(sorted.begin(), sorted.end());
-  const auto at = [&](double part) {
-    return sorted[static_cast<std::size_t>(
-        std::lround(part * static_cast<double>(sorted.size() - 1)))];
-  };
-  return {at(0.025), at(0.975)};
+  std::vector<double> samples;
+  for (std::size_t i = 0; i < n; ++i) samples.push_back(of(i));
+  return interval_of(std::move(samples));
 }
 
 struct Figure {

@@ -12,8 +12,6 @@
 namespace curlew {
 namespace {
 
-constexpr std::uint64_t kBootstrapSeed = 20070401;
-
 std::size_t size(int n) { return static_cast<std::size_t>(n); }
 
 /// The realisations of one subset, behind one turbulence.

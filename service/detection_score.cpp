@@ -4,8 +4,8 @@
 #include <cmath>
 #include <limits>
 #include <tuple>
+#include <utility>
 
-#include "acquisition/random_stream.h"
 #include "service/truth.h"
 
 namespace curlew {
@@ -161,12 +161,9 @@ std::vector<DetectionScore> DetectionRecord::bootstrap(double threshold, int sam
                                                        std::uint64_t seed) const {
   std::vector<DetectionScore> scores;
   std::vector<int> times(required_.size());
-  const auto n = static_cast<double>(required_.size());
   for (int sample = 0; sample < samples; ++sample) {
-    RandomStream random(seed, static_cast<std::uint64_t>(sample));
     std::fill(times.begin(), times.end(), 0);
-    for (std::size_t i = 0; i < times.size(); ++i)
-      ++times[static_cast<std::size_t>(n * random.uniform())];
+    draw_frames(times.size(), seed, sample, [&](std::size_t frame) { ++times[frame]; });
     scores.push_back(score(threshold, times));
   }
   return scores;
@@ -174,17 +171,9 @@ std::vector<DetectionScore> DetectionRecord::bootstrap(double threshold, int sam
 
 Interval interval_of(std::span<const DetectionScore> samples, double DetectionScore::*value,
                      double coverage) {
-  std::vector<double> sorted;
-  for (const DetectionScore& sample : samples) {
-    if (!std::isnan(sample.*value)) sorted.push_back(sample.*value);
-  }
-  if (sorted.empty()) return {kNothing, kNothing};
-  std::sort(sorted.begin(), sorted.end());
-  const auto at = [&](double part) {
-    return sorted[static_cast<std::size_t>(
-        std::lround(part * static_cast<double>(sorted.size() - 1)))];
-  };
-  return {at(0.5 * (1.0 - coverage)), at(0.5 * (1.0 + coverage))};
+  std::vector<double> values;
+  for (const DetectionScore& sample : samples) values.push_back(sample.*value);
+  return interval_of(std::move(values), coverage);
 }
 
 }  // namespace curlew

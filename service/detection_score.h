@@ -11,6 +11,7 @@
 
 #include "acquisition/field.h"
 #include "core/image.h"
+#include "service/bootstrap.h"
 
 namespace curlew {
 
@@ -140,13 +141,7 @@ class DetectionRecord {
   int total_required_ = 0;
 };
 
-struct Interval {
-  double low = 0.0;
-  double high = 0.0;
-};
-
-/// The middle `coverage` of the samples of one figure, those that are NaN left out; NaN where none
-/// is left.
+/// See bootstrap.h.
 Interval interval_of(std::span<const DetectionScore> samples, double DetectionScore::*value,
                      double coverage = 0.95);
 

@@ -2,12 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <memory>
 #include <mutex>
 #include <numbers>
-#include <random>
 #include <utility>
 
 #include "detect/vortex_classifier.h"
@@ -21,7 +19,6 @@
 namespace curlew {
 namespace {
 
-constexpr std::uint64_t kBootstrapSeed = 20070401;
 constexpr std::size_t kMaxVortices = 128;
 /// What noise does not say of a slope's error, rad² per pitch²: this much, and this much again
 /// times the mean flux over the lenslet's. Dark lenslets measure their own gradient badly.
@@ -215,19 +212,13 @@ double mean_of(const std::vector<double>& values) {
 
 /// The same draws of frames for every row, so that rows can be compared.
 MeanWithInterval bootstrap(const std::vector<double>& values, int samples) {
-  std::mt19937_64 random(kBootstrapSeed);
   std::vector<double> means;
   for (int sample = 0; sample < samples; ++sample) {
     double sum = 0.0;
-    for (std::size_t i = 0; i < values.size(); ++i) sum += values[random() % values.size()];
+    draw_frames(values.size(), kBootstrapSeed, sample, [&](std::size_t i) { sum += values[i]; });
     means.push_back(sum / static_cast<double>(values.size()));
   }
-  std::sort(means.begin(), means.end());
-  const auto quantile = [&](double q) {
-    return means.empty() ? mean_of(values)
-                         : means[static_cast<std::size_t>(q * static_cast<double>(means.size()))];
-  };
-  return {mean_of(values), {quantile(0.025), quantile(0.975)}};
+  return {mean_of(values), interval_of(std::move(means))};
 }
 
 struct Fields {

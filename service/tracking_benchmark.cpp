@@ -7,7 +7,6 @@
 #include <tuple>
 #include <utility>
 
-#include "acquisition/random_stream.h"
 #include "core/error.h"
 #include "detect/vortex_classifier.h"
 #include "service/bench_timing.h"
@@ -21,7 +20,6 @@ namespace {
 constexpr double kLeastProbability = 0.02;  // of candidates
 constexpr double kFrameS = 1e-3;
 constexpr std::size_t kTracks = 256;  // at once
-constexpr std::uint64_t kBootstrapSeed = 20070401;
 
 std::size_t size(int n) { return static_cast<std::size_t>(n); }
 
@@ -126,12 +124,10 @@ TrackingRow make_row(const Blocks& blocks, int samples) {
   const DetectionRecord record(blocks.verdicts);
   row.figures.average_precision = record.score(0.0).average_precision;
   const auto scores = record.bootstrap(0.0, samples, kBootstrapSeed);
-  const auto n = static_cast<double>(blocks.counts.size());
   for (int sample = 0; sample < samples; ++sample) {
-    RandomStream random(kBootstrapSeed, static_cast<std::uint64_t>(sample));  // as record draws
     TrackingFigures figures;
-    for (std::size_t i = 0; i < blocks.counts.size(); ++i)
-      figures.counts += blocks.counts[static_cast<std::size_t>(n * random.uniform())];
+    draw_frames(blocks.counts.size(), kBootstrapSeed, sample,
+                [&](std::size_t block) { figures.counts += blocks.counts[block]; });
     figures.average_precision = scores[size(sample)].average_precision;
     row.samples.push_back(figures);
   }
