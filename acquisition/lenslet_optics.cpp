@@ -14,6 +14,8 @@ double sinc(double x) {
   return std::abs(angle) < 1e-8 ? 1.0 : std::sin(angle) / angle;
 }
 
+}  // namespace
+
 // B with pixel = B·intensity along one axis. The intensity I(u) = Σ_d R_d exp(−2πi u d/n) has lags
 // |d| < n only, and R_d follows from its samples at u = k/2, k = 0 … 2n−1. A pixel of width h
 // round u_j multiplies lag d by h·sinc(h d/n). The scale makes all pixels together the power.
@@ -33,8 +35,6 @@ Eigen::MatrixXd integrate_pixels(int samples, double pixels_per_lambda_w, int pa
   }
   return result;
 }
-
-}  // namespace
 
 LensletOptics::LensletOptics(int samples, double pixels_per_lambda_w, int patch_px)
     : samples_(samples), patch_px_(patch_px) {

@@ -9,6 +9,10 @@
 
 namespace curlew {
 
+/// B with pixels = B·I·Bᵀ, [patch_px, 2·samples]: the far-field intensity I at every ½ λ/w of a
+/// lenslet of samples × samples points, integrated over the pixels of a centred patch.
+Eigen::MatrixXd integrate_pixels(int samples, double pixels_per_lambda_w, int patch_px);
+
 /// The far field of one square lenslet, integrated over square pixels.
 ///
 /// The field is given as samples × samples points, point i at (i + ½)/samples of the lenslet. An

@@ -72,6 +72,7 @@ struct Verdict {
   bool hit = false;       ///< else it is a false alarm
   bool isolated = false;  ///< hits: of an isolated vortex
   double error = 0.0;     ///< hits: distance from the vortex, pitches
+  int vortex = -1;        ///< hits: which, an index into the truth
 };
 
 struct FrameVerdicts {
