@@ -32,6 +32,7 @@ measure detect_window "${bench[@]}" detect --window 8 --rytov 2 --photons 1000 "
 measure detect_sampling "${bench[@]}" detect --window 10 --sampling 3 --rytov 3 --photons 500 "${some[@]}"
 measure false_alarms "${bench[@]}" false-alarms "${quick[@]}"
 measure classifier "${bench[@]}" classifier $([ ${#quick[@]} -gt 0 ] && echo --repeats 20)
+measure bound "${bench[@]}" bound "${quick[@]}"
 measure track "${bench[@]}" track "${quick[@]}"
 measure phase "${bench[@]}" phase "${quick[@]}"
 measure paper "$python" docs/paper_figures.py "$curlew" "$out/paper" "${quick[@]}"

@@ -149,6 +149,7 @@ void add_bench(CLI::App& app) {
   add_bench_classifier(*bench);
   add_bench_false_alarms(*bench);
   add_bench_phase(*bench);
+  add_bench_bound(*bench);
   add_bench_track(*bench);
 }
 

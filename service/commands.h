@@ -18,6 +18,7 @@ void add_bench_train(CLI::App& bench);
 void add_bench_classifier(CLI::App& bench);
 void add_bench_false_alarms(CLI::App& bench);
 void add_bench_phase(CLI::App& bench);
+void add_bench_bound(CLI::App& bench);
 void add_bench_track(CLI::App& bench);
 void add_cameras(CLI::App& app);
 void add_doctor(CLI::App& app);

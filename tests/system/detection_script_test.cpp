@@ -45,6 +45,7 @@ TEST(DetectionScript, QuickFormMeasuresEverything) {
                                  Expected{"detect_sampling", "classifier"},
                                  Expected{"false_alarms", "whitened"},
                                  Expected{"classifier", "80 x 80"},
+                                 Expected{"bound", "bound, 6x6 lenslets"},
                                  Expected{"track", "switches a frame"},
                                  Expected{"phase", "hidden_true"},
                                  Expected{"paper", "Fig. 8 peak"}};
