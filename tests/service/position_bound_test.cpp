@@ -206,7 +206,7 @@ TEST(TruncatedError, IsClosedForACircleAndTheWholeFarOut) {
 FieldParameters small_field(double rytov_variance) {
   FieldParameters parameters;
   parameters.rytov_variance = rytov_variance;
-  parameters.rows = parameters.cols = 12;
+  parameters.rows = parameters.cols = 16;
   return parameters;
 }
 
@@ -248,10 +248,10 @@ TEST_F(FieldModesOfTurbulence, BoundSeesTheBenchmarksLightAndFallsWithLightAndLe
   const FieldParameters field = small_field(4.0);
   const SpotDerivative spots(kSamples, field.samples_per_lambda_w, field.window_px);
   const PixelInformation information(1.0);
-  const Interior interior{12, 12};
+  const Interior interior{16, 16};
   int seen = 0;
   int negative = 0;
-  for (const int index : {5, 6, 7}) {
+  for (const int index : {5, 6}) {
     const std::uint64_t seed = realisation_seed(Subset::kTraining, index);
     const Realisation realisation = simulate_realisation(field, seed);
     const SampledField true_field = simulate_true_field(field, seed);
@@ -259,12 +259,16 @@ TEST_F(FieldModesOfTurbulence, BoundSeesTheBenchmarksLightAndFallsWithLightAndLe
       if (!vortex.required || !interior.contains(vortex.x, vortex.y)) continue;
       ++seen;
       negative += vortex.charge < 0 ? 1 : 0;
-      const VortexView view = view_vortex(true_field, vortex, 12, 12, *modes_, spots);
-      // The first lenslet of the innermost ring: upper left of the node, right where mirrored.
+      const VortexView view = view_vortex(true_field, vortex, 16, 16, *modes_, spots);
+      // The first lenslet of the innermost ring: upper left of the node; where the patch is
+      // mirrored its spots are, and it is the right one.
+      const bool mirrored = vortex.charge < 0;
       const int row = static_cast<int>(std::floor(vortex.y)) * 6;
-      const int col = (static_cast<int>(std::floor(vortex.x)) + (vortex.charge < 0 ? 1 : 0)) * 6;
+      const int col = (static_cast<int>(std::floor(vortex.x)) + (mirrored ? 1 : 0)) * 6;
       for (int p = 0; p < 36; ++p) {
-        EXPECT_NEAR(view.light(p), static_cast<double>(realisation.light(row + p / 6, col + p % 6)),
+        const int across = mirrored ? 5 - p % 6 : p % 6;
+        EXPECT_NEAR(view.light(p),
+                    static_cast<double>(realisation.light(row + p / 6, col + across)),
                     1e-6 + 1e-4 * view.light(p));
       }
       std::vector<double> traces;
