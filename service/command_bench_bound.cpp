@@ -1,16 +1,16 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <utility>
 #include <vector>
 
 #include "service/bench_run.h"
+#include "service/bootstrap.h"
 #include "service/commands.h"
 #include "service/position_benchmark.h"
-#include "service/progress.h"
 #include "service/truth.h"
 #include "service/version.h"
 
@@ -29,15 +29,9 @@ nlohmann::ordered_json number(double value) {
 
 template <typename Value>
 Interval interval(const PositionCellResult& cell, Value value) {
-  std::vector<double> sorted;
-  for (const PositionScore& sample : cell.samples)
-    if (std::isfinite(value(sample))) sorted.push_back(value(sample));
-  if (sorted.empty()) return {std::nan(""), std::nan("")};
-  std::sort(sorted.begin(), sorted.end());
-  const auto at = [&](double part) {
-    return sorted[static_cast<std::size_t>(part * static_cast<double>(sorted.size() - 1))];
-  };
-  return {at(0.025), at(0.975)};
+  std::vector<double> values;
+  for (const PositionScore& sample : cell.samples) values.push_back(value(sample));
+  return interval_of(std::move(values));
 }
 
 template <typename Value>
@@ -169,17 +163,11 @@ void bench_bound(BoundOptionsOfBench options) {
     if (photons == 0.0) photons = kWithoutNoise;
   }
   const RealisationCache cache(options.run.folder());
-  std::vector<PositionCellResult> cells;
-  {
-    Progress progress("fields",
-                      static_cast<std::int64_t>(benchmark.rytov_variances.size()) *
-                          (benchmark.training_realisations + benchmark.validation_realisations +
-                           2 * benchmark.test_realisations));
-    cells = run_position_benchmark(benchmark, cache, [&] {
-      progress.step();
-      options.run.check_interrupt();
-    });
-  }
+  const auto n = static_cast<std::int64_t>(benchmark.rytov_variances.size()) *
+                 (benchmark.training_realisations + benchmark.validation_realisations +
+                  2 * benchmark.test_realisations);
+  const std::vector<PositionCellResult> cells = options.run.watch(
+      "fields", n, [&](auto step) { return run_position_benchmark(benchmark, cache, step); });
   if (options.run.json) {
     fmt::print("{}\n", results_json(benchmark, cells).dump(2));
     return;

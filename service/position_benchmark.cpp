@@ -7,15 +7,13 @@
 #include <utility>
 
 #include "acquisition/field_vortices.h"
-#include "acquisition/random_stream.h"
+#include "service/bootstrap.h"
 #include "service/detection_rows.h"
 #include "service/parallel.h"
 #include "service/truth.h"
 
 namespace curlew {
 namespace {
-
-constexpr std::uint64_t kBootstrapSeed = 20070401;
 
 std::size_t size(int n) { return static_cast<std::size_t>(n); }
 
@@ -141,12 +139,10 @@ std::vector<PositionScore> bootstrap(const std::vector<PositionVortex>& vortices
   for (const PositionVortex& vortex : vortices) by_field[size(vortex.field)].push_back(&vortex);
   std::vector<PositionScore> scores;
   for (int sample = 0; sample < samples; ++sample) {
-    RandomStream random(kBootstrapSeed, static_cast<std::uint64_t>(sample));
     Chosen drawn;
-    for (int i = 0; i < fields; ++i) {
-      const Chosen& field = by_field[static_cast<std::size_t>(fields * random.uniform())];
-      drawn.insert(drawn.end(), field.begin(), field.end());
-    }
+    draw_frames(by_field.size(), kBootstrapSeed, sample, [&](std::size_t i) {
+      drawn.insert(drawn.end(), by_field[i].begin(), by_field[i].end());
+    });
     scores.push_back(score_positions(drawn));
   }
   return scores;
