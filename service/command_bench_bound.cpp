@@ -118,7 +118,7 @@ std::string figure(const PositionCellResult& cell, Value value) {
 
 std::string table(const PositionCellResult& cell, int fields) {
   std::string text = fmt::format(
-      "\nRytov variance {}, {}: {} vortices in {} fields, {} hit; modes of {} others' fields hold "
+      "\nRytov variance {}, {}: {} vortices in {} fields, {} hit; modes learnt from {} others hold "
       "{:.2f} % of the light\n{:<22}",
       cell.rytov_variance,
       std::isfinite(cell.photons) ? fmt::format("{} photons", cell.photons) : "no noise",

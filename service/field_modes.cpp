@@ -55,8 +55,10 @@ Eigen::MatrixXcd cut_patch(const SampledField& field, const GradedVortex& vortex
 FieldModeEstimator::FieldModeEstimator(int lenslets, int samples, int polynomials)
     : lenslets_(lenslets),
       samples_(samples),
-      polynomials_(orthonormal_polynomials(lenslets * samples, polynomials)),
-      covariance_(Eigen::MatrixXcd::Zero(polynomials * polynomials, polynomials * polynomials)) {}
+      polynomials_(orthonormal_polynomials(lenslets * samples, polynomials)) {
+  const Eigen::Index products = polynomials_.cols() * polynomials_.cols();
+  covariance_ = Eigen::MatrixXcd::Zero(products, products);
+}
 
 void FieldModeEstimator::add(const SampledField& field, const std::vector<GradedVortex>& vortices,
                              int rows, int cols) {

@@ -150,6 +150,7 @@ std::vector<PositionScore> bootstrap(const std::vector<PositionVortex>& vortices
 
 std::vector<PositionClass> classify(const std::vector<PositionVortex>& vortices) {
   std::vector<double> lights;
+  lights.reserve(vortices.size());
   for (const PositionVortex& vortex : vortices) lights.push_back(vortex.light);
   const double middle = median(lights);
   constexpr double kNear = 1.5;   // pitches from another vortex

@@ -28,6 +28,8 @@ double integrate_information(double mean, double sigma) {
   const int most = static_cast<int>(mean + 9.0 * std::sqrt(mean) + 20.0);
   const double step = sigma / 8.0;
   const int steps = static_cast<int>((most + 2.0 * reach) / step);
+  std::vector<double> poisson{std::exp(-mean)};
+  for (int n = 1; n <= most; ++n) poisson.push_back(poisson.back() * mean / n);
   double information = 0.0;
   for (int s = 0; s <= steps; ++s) {
     const double y = s * step - reach;
@@ -37,9 +39,9 @@ double integrate_information(double mean, double sigma) {
     double density = 0.0;
     double slope = 0.0;
     for (int n = low; n <= high; ++n) {
-      const double poisson = std::exp(n * std::log(mean) - mean - std::lgamma(n + 1.0));
-      density += poisson * gauss(y - n);
-      slope += poisson * (gauss(y - n - 1.0) - gauss(y - n));
+      const double part = poisson[static_cast<std::size_t>(n)];
+      density += part * gauss(y - n);
+      slope += part * (gauss(y - n - 1.0) - gauss(y - n));
     }
     if (density > 0.0) information += slope * slope / density;
   }
@@ -92,9 +94,10 @@ Eigen::Matrix2Xd displacements(const Eigen::MatrixXcd& patch, const Corners& at,
     const int row = at.row_of(corner);
     const int col = at.col_of(corner);
     around(corner) = patch(row, col);
-    modes_around.row(corner) =
-        modes.values[static_cast<std::size_t>(row / n * modes.lenslets + col / n)].row(row % n * n +
-                                                                                       col % n);
+    const auto lenslet =
+        static_cast<std::size_t>(row / n) * static_cast<std::size_t>(modes.lenslets) +
+        static_cast<std::size_t>(col / n);
+    modes_around.row(corner) = modes.values[lenslet].row(row % n * n + col % n);
   }
   const Complex along_x =
       static_cast<double>(n) * (at.along_x.cast<Complex>().transpose() * around).value();
@@ -179,7 +182,7 @@ VortexView view_vortex(const SampledField& field, const GradedVortex& vortex, in
   }
   double power = 0.0;
   for (const Place& place : seen)
-    power += patch.block(place.row * n, place.col * n, n, n).squaredNorm() / (n * n);
+    power += patch.block(place.row * n, place.col * n, n, n).cwiseAbs2().mean();
   view.amplitude = std::sqrt(power / static_cast<double>(seen.size()));
 
   view.light.resize(view.pixels_within.back());

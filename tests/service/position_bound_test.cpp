@@ -302,8 +302,8 @@ TEST(PositionBenchmark, GivesABoundBelowTheClassifierWhateverTheThreads) {
   options.photons = {1000.0};
   options.test_realisations = options.validation_realisations = 2;
   options.training_realisations = 2;
-  options.polynomials = 10;
-  options.modes = 40;
+  options.polynomials = 8;
+  options.modes = 30;
   options.bootstrap_samples = 20;
   const ScratchDirectory scratch;
   const RealisationCache cache(scratch / "cache");
