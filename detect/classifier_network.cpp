@@ -27,6 +27,7 @@ ClassifierNetwork::ClassifierNetwork() {
     const int inputs = i == 0             ? kSpotFeatures
                        : i == kEncoderEnd ? kWidest
                        : i == kHeadEnd    ? kScoutFeatures
+                       : i == kScoutEnd   ? kScreenPatch * kScreenPatch * kCode
                                           : layers.back().outputs;
     layers.emplace_back(inputs, kOutputs[static_cast<std::size_t>(i)]);
   }

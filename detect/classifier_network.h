@@ -14,6 +14,7 @@ namespace curlew {
 
 inline constexpr int kPatch = 4;  ///< lenslets along a side of what is judged at once
 inline constexpr int kPatchLenslets = kPatch * kPatch;
+inline constexpr int kScreenPatch = 2;  ///< likewise of what is screened
 
 /// A layer: outputs = inputs·weights + bias, all but the network's last rectified.
 struct DenseLayer {
@@ -52,18 +53,20 @@ inline constexpr float kMostLogScale = 4.0F;
 
 /// Layers of the encoder, kSpotFeatures to kCode numbers; of the head, kPatchLenslets·kCode to two
 /// NodeOutput (charge +1, then −1) and a PairOutput; of the scout, which says from centroids and
-/// circulation alone whether a node deserves the others: kScoutFeatures to a logit and padding.
+/// circulation alone whether a node deserves the others: kScoutFeatures to a logit and padding; of
+/// the screen, which says so from the codes of the inner kScreenPatch² lenslets alone, likewise.
 struct ClassifierNetwork {
   static constexpr int kEncoderEnd = 2;
   static constexpr int kHeadEnd = 5;
-  static constexpr int kLayers = 7;
-  static constexpr std::array<int, kLayers> kOutputs{32, 16, 64, 32, 16, 8, 8};
+  static constexpr int kScoutEnd = 7;
+  static constexpr int kLayers = 9;
+  static constexpr std::array<int, kLayers> kOutputs{32, 16, 64, 32, 16, 8, 8, 16, 8};
   static constexpr int kCode = kOutputs[kEncoderEnd - 1];
   static constexpr int kWidest = kPatchLenslets * kCode;
 
   /// Whether a layer's outputs are made positive: all but those that are answers.
   static constexpr bool rectified(int layer) {
-    return layer + 1 != kHeadEnd && layer + 1 != kLayers;
+    return layer + 1 != kHeadEnd && layer + 1 != kScoutEnd && layer + 1 != kLayers;
   }
 
   ClassifierNetwork();

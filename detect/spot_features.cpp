@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cmath>
 #include <cstdint>
 #include <string>
@@ -40,28 +41,32 @@ int spot_mode_index(SpotMode mode) {
   return order * (order + 1) / 2 + mode.m;
 }
 
-namespace {
-
-/// Where project_window puts the modes.
-constexpr std::array<std::size_t, kSpotModes> kPlaces = [] {
-  std::array<std::size_t, kSpotModes> places{};
-  std::size_t i = 0;
-  for (std::size_t order = 0; order < kProjectionOrders; ++order)
-    for (std::size_t m = 0; m <= order; ++m) places[i++] = (order - m) * kProjectionLanes + m;
+constexpr std::array<int, kSpotFeatures> kMeasuredPlaces = [] {
+  std::array<int, kSpotFeatures> places{};
+  int i = 0;
+  for (int order = 0; order < kProjectionOrders; ++order) {
+    for (int m = 0; m <= order; ++m, ++i) {
+      const int n = order - m;  // after n rows of kProjectionOrders and fewer
+      places[static_cast<std::size_t>(i)] = n * kProjectionOrders - n * (n - 1) / 2 + m;
+    }
+  }
+  for (; i < kSpotFeatures; ++i) places[static_cast<std::size_t>(i)] = i;
   return places;
 }();
-
-}  // namespace
 
 SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
     : spots_(camera.windows.rows(), camera.windows.cols()),
       pixel_type_(format.pixel_type),
-      frame_cols_(format.cols),
       noise_known_(camera.e_per_adu > 0.0),
       row_sign_(camera.rows_run_up ? -1.0F : 1.0F) {
   if (!(camera.pixels_per_lambda_w > 0.2 && camera.pixels_per_lambda_w < 200.0)) {
     throw Failure("λ/w covers " + std::to_string(camera.pixels_per_lambda_w) +
                   " pixels of the detector, which no classifier can use; check the optics");
+  }
+  if (format.cols < kProjectionLanes) {
+    throw Failure("a frame of " + std::to_string(format.cols) +
+                  " columns is too narrow for the classifier, which reads " +
+                  std::to_string(kProjectionLanes) + " at once");
   }
   const double e_per_adu = noise_known_ ? camera.e_per_adu : 1.0;
   e_per_adu_ = static_cast<float>(e_per_adu);
@@ -101,69 +106,83 @@ SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
         window.y0 + window.h > format.rows) {
       throw Failure("a lenslet's window does not lie within the frame; calibrate anew");
     }
-    const auto clip = [&](int start, int length, float reference, int& first, int& n, int& step) {
+    const auto clip = [&](int start, int length, float reference, std::int32_t& n,
+                          std::int32_t& place) {
       const auto centre = static_cast<double>(reference);
-      first = std::max(start, static_cast<int>(std::ceil(centre - reach_px - 1e-6)));
+      const int first = std::max(start, static_cast<int>(std::ceil(centre - reach_px - 1e-6)));
       const int last =
           std::min(start + length - 1, static_cast<int>(std::floor(centre + reach_px + 1e-6)));
       n = std::max(0, last - first + 1);
-      step = static_cast<int>(std::lround((first - centre) * kStepsPerPx)) + reach_steps;
+      const auto step = static_cast<int>(std::lround((first - centre) * kStepsPerPx));
+      place = (step + reach_steps) * kProjectionLanes;
+      return first;
     };
-    Spot& spot = spots_[k];
-    clip(window.x0, window.w, window.reference_x, spot.x0, spot.w, spot.table_x);
-    clip(window.y0, window.h, window.reference_y, spot.y0, spot.h, spot.table_y);
+    ProjectedWindow& spot = spots_[k];
+    const int x0 = clip(window.x0, window.w, window.reference_x, spot.w, spot.along_x);
+    const int y0 = clip(window.y0, window.h, window.reference_y, spot.h, spot.along_y);
+    spot.first = y0 * format.cols + x0;
     if (spot.w == 0 || spot.h == 0) spot = {};
     const double read_noise = noise_known_ ? camera.read_noise_e : 0.0;
     spot.read_noise = static_cast<float>(read_noise * std::sqrt(1.0 * spot.w * spot.h));
   }
 }
 
-void SpotFeatures::measure(FrameView frame, std::size_t k, float flux_adu, float mean_flux_adu,
-                           float* features) const noexcept {
-  SpotProjection projection;
-  project(frame, k, projection);
-  describe(k, projection, flux_adu, mean_flux_adu, features);
+ProjectedFrame SpotFeatures::projected(FrameView frame) const noexcept {
+  return {.pixels = frame.pixels,
+          .pixel_type = pixel_type_,
+          .cols = frame.cols,
+          .size = std::ptrdiff_t{frame.rows} * frame.cols,
+          .table = table_.data(),
+          .table_step = std::ptrdiff_t{kStepsPerPx} * kProjectionLanes,
+          .offset = background_counts_,
+          .offsets = dark_counts_.empty() ? nullptr : dark_counts_.data(),
+          .gains = gain_.empty() ? nullptr : gain_.data(),
+          .e_per_count = e_per_count_,
+          .row_sign = row_sign_};
 }
 
-void SpotFeatures::project(FrameView frame, std::size_t k,
-                           SpotProjection& projection) const noexcept {
-  const Spot& spot = spots_[k];
-  const ProjectedWindow window{
-      .pixels = frame.pixels,
-      .pixel_type = pixel_type_,
-      .first = std::ptrdiff_t{spot.y0} * frame_cols_ + spot.x0,
-      .frame_cols = frame_cols_,
-      .w = spot.w,
-      .h = spot.h,
-      .along_x = table_.data() + static_cast<std::ptrdiff_t>(spot.table_x) * kProjectionLanes,
-      .along_y = table_.data() + static_cast<std::ptrdiff_t>(spot.table_y) * kProjectionLanes,
-      .table_step = std::ptrdiff_t{kStepsPerPx} * kProjectionLanes,
-      .offset = background_counts_,
-      .offsets = dark_counts_.empty() ? nullptr : dark_counts_.data(),
-      .gains = gain_.empty() ? nullptr : gain_.data()};
-  projection.total = project_window(window, projection.sums.data());
-}
-
-void SpotFeatures::describe(std::size_t k, SpotProjection& projection, float flux_adu,
-                            float mean_flux_adu, float* features) const noexcept {
-  const Spot& spot = spots_[k];
-  auto& sums = projection.sums;
-  const float total = e_per_count_ * projection.total;
-  // Kept off 0 by the read noise alone: the shape of a spot without noise is known however dark.
-  const float flux = std::max(total, 0.0F) + spot.read_noise + 1e-6F;
-  const float inverse = 1.0F / flux;
-  for (std::size_t n = 0; n < kProjectionOrders; ++n) {
-    const float scale = (n % 2 == 1 ? row_sign_ : 1.0F) * e_per_count_ * inverse;
-    for (std::size_t m = 0; m < kProjectionLanes; ++m) sums[n * kProjectionLanes + m] *= scale;
-  }
-  for (std::size_t i = 0; i < kSpotModes; ++i) features[i] = sums[kPlaces[i]];
+void SpotFeatures::add_noise(const ProjectedWindow& spot, float flux, float flux_adu,
+                             float mean_flux_adu, float* features) const noexcept {
   features += kSpotModes;
+  const float inverse = 1.0F / flux;
   const float mean = std::max(mean_flux_adu * e_per_adu_, 1e-6F);
   const float floor = spot.read_noise + static_cast<float>(kDark) * mean;
-  features[0] = std::log((std::max(flux_adu, 0.0F) * e_per_adu_ + floor) / mean);
+  features[0] = (std::max(flux_adu, 0.0F) * e_per_adu_ + floor) / mean;
   features[1] = noise_known_ ? std::sqrt(inverse) : 0.0F;
   features[2] = spot.read_noise * inverse;
   features[3] = 1.0F;
+}
+
+void SpotFeatures::measure_many(FrameView frame, const std::int32_t* lenslets, int n,
+                                const float* flux_adu, float mean_flux_adu,
+                                float* features) const noexcept {
+  std::array<float, kMostAtOnce> fluxes;
+  std::array<float, kMostAtOnce> brightness;
+  assert(n <= kMostAtOnce);
+  brightness.fill(1.0F);
+  project_windows(projected(frame), spots_.data(), lenslets, n, kSpotFeatures, features,
+                  fluxes.data());
+  for (int i = 0; i < n; ++i) {
+    const auto u = static_cast<std::size_t>(i);
+    const auto k = static_cast<std::size_t>(lenslets[i]);
+    float* const of_spot = features + u * kSpotFeatures;
+    add_noise(spots_[k], fluxes[u], flux_adu[k], mean_flux_adu, of_spot);
+    brightness[u] = of_spot[kSpotModes];
+  }
+  take_logarithms((n + kProjectionLanes - 1) / kProjectionLanes * kProjectionLanes,
+                  brightness.data());
+  for (std::size_t i = 0; i < static_cast<std::size_t>(n); ++i)
+    features[i * kSpotFeatures + kSpotModes] = brightness[i];
+}
+
+void SpotFeatures::measure(FrameView frame, std::size_t k, float flux_adu, float mean_flux_adu,
+                           float* features) const noexcept {
+  std::array<float, kSpotFeatures> measured;
+  const float flux = project_window(projected(frame), spots_[k], measured.data());
+  add_noise(spots_[k], flux, flux_adu, mean_flux_adu, measured.data());
+  for (std::size_t i = 0; i < kSpotFeatures; ++i)
+    features[i] = measured[static_cast<std::size_t>(kMeasuredPlaces[i])];
+  features[kSpotModes] = std::log(features[kSpotModes]);
 }
 
 }  // namespace curlew

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 
 #include "core/frame.h"
 #include "core/image.h"
@@ -48,11 +49,9 @@ struct SpotMode {
 SpotMode spot_mode(int index);
 int spot_mode_index(SpotMode mode);
 
-/// What project_window makes of a window.
-struct SpotProjection {
-  std::array<float, std::size_t{kProjectionOrders} * kProjectionLanes> sums;
-  float total;
-};
+/// measure_many writes the modes by n, then m: feature i of spot_mode's order is its
+/// kMeasuredPlaces[i].
+extern const std::array<int, kSpotFeatures> kMeasuredPlaces;
 
 /// Const after construction, shared by threads. Pixels farther than 1.75 λ/w from the reference
 /// along an axis are left out, so that windows of any size come to the same.
@@ -66,32 +65,27 @@ class SpotFeatures {
   std::size_t lenslet_count() const { return spots_.size(); }  ///< missing ones too
   bool has_lenslet(std::size_t k) const { return spots_[k].w > 0; }
 
-  /// The work in two, so that many lenslets can be projected in a row before any is described.
-  void project(FrameView frame, std::size_t k, SpotProjection& projection) const noexcept;
-  void describe(std::size_t k, SpotProjection& projection, float flux_adu, float mean_flux_adu,
-                float* features) const noexcept;
-
   /// Fills `features` [kSpotFeatures] of lenslet k. flux and mean_flux: as centroids have them, of
   /// this lenslet and on average, in ADU.
   void measure(FrameView frame, std::size_t k, float flux_adu, float mean_flux_adu,
                float* features) const noexcept;
 
+  /// The same of n ≤ kMostAtOnce lenslets, faster, the logarithm to 1e-6: features [n,
+  /// kSpotFeatures] and kProjectionSlack more, in the order of kMeasuredPlaces. flux_adu: of all.
+  void measure_many(FrameView frame, const std::int32_t* lenslets, int n, const float* flux_adu,
+                    float mean_flux_adu, float* features) const noexcept;
+  static constexpr int kMostAtOnce = 64;
+
  private:
   static constexpr int kStepsPerPx = 16;  // references are rounded to this part of a pixel
-  struct Spot {
-    int x0 = 0;
-    int y0 = 0;
-    int w = 0;
-    int h = 0;
-    int table_x = 0;  // of the first pixel, in steps
-    int table_y = 0;
-    float read_noise = 0;  // of the whole window, electrons
-  };
+  ProjectedFrame projected(FrameView frame) const noexcept;
+  /// Features after the modes; the logarithm's argument is in the place of it.
+  void add_noise(const ProjectedWindow& spot, float flux, float flux_adu, float mean_flux_adu,
+                 float* features) const noexcept;
 
-  Image<Spot> spots_;
+  Image<ProjectedWindow> spots_;
   AlignedVector<float> table_;  // [steps, kProjectionLanes]
   PixelType pixel_type_;
-  std::ptrdiff_t frame_cols_;
   float e_per_count_;
   float e_per_adu_;
   float background_counts_;

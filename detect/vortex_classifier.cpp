@@ -80,25 +80,30 @@ void choose_nodes(const ClassifierPlan& plan, const Centroids& centroids,
   }
 }
 
-/// Lists the lenslets of all patches.
-void gather_lenslets(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noexcept {
+/// Lists the lenslets of all nodes' patches, of `size` lenslets a side, that were not listed
+/// before.
+void gather_lenslets(const ClassifierPlan& plan, int size,
+                     ClassifierWorkspace& workspace) noexcept {
   Image<std::uint8_t>& wanted = workspace.wanted;
   const int node_cols = plan.cols() - 1;
-  wanted.fill(0);
-  for (const std::int32_t node : workspace.nodes)
-    for (int i = 0; i < kPatch; ++i)
-      std::fill_n(&wanted(node / node_cols + i, node % node_cols), kPatch, std::uint8_t{1});
+  const int inset = (kPatch - size) / 2;
+  for (const std::int32_t node : workspace.nodes) {
+    std::uint8_t* row = &wanted(node / node_cols + inset, node % node_cols + inset);
+    for (int i = 0; i < size; ++i, row += wanted.cols())
+      for (int j = 0; j < size; ++j) row[j] = static_cast<std::uint8_t>(row[j] | 1U);
+  }
   workspace.lenslets.clear();
   for (int row = 0; row < plan.rows(); ++row) {
-    const std::uint8_t* of_row = &wanted(row + 1, 0);
+    std::uint8_t* of_row = &wanted(row + 1, 0);
     for (int first = 0; first < wanted.cols(); first += kWord) {
       std::uint64_t word = 0;
       std::memcpy(&word, of_row + first, kWord);
-      if (word == 0) continue;
+      if ((word & ~(word >> 1U) & 0x0101010101010101U) == 0) continue;
       for (int i = 0; i < kWord; ++i) {
+        if (of_row[first + i] != 1) continue;
+        of_row[first + i] = 3;
         const int col = first + i - 1;
-        if (of_row[first + i] != 0 && col >= 0 && col < plan.cols())
-          workspace.lenslets.push(row * plan.cols() + col);
+        if (col >= 0 && col < plan.cols()) workspace.lenslets.push(row * plan.cols() + col);
       }
     }
   }
@@ -107,41 +112,50 @@ void gather_lenslets(const ClassifierPlan& plan, ClassifierWorkspace& workspace)
 void encode_lenslets(const ClassifierPlan& plan, FrameView frame, const Centroids& centroids,
                      float mean, ClassifierWorkspace& workspace) noexcept {
   const int cols = plan.cols();
-  struct Waiting {
-    std::size_t lenslet;
-    float* code;
-  };
-  std::array<Waiting, ClassifierWorkspace::kChunk> chunk;
-  std::array<SpotProjection, ClassifierWorkspace::kChunk> projections;
+  workspace.encoded += static_cast<int>(workspace.lenslets.size());
+  std::array<std::int32_t, ClassifierWorkspace::kChunk> chunk;
+  std::array<std::ptrdiff_t, ClassifierWorkspace::kChunk> to;
   int n = 0;
+  const bool as_trained = plan.options().as_trained;
+  std::array<std::int16_t, std::size_t{ClassifierWorkspace::kChunk} * kCode> rounded;
+  const auto keep = [&](const float* codes) {
+    round_codes(codes, n * kCode, rounded.data());
+    for (std::ptrdiff_t i = 0; i < n; ++i) {
+      const std::ptrdiff_t at = to[static_cast<std::size_t>(i)];
+      std::copy_n(rounded.data() + i * kCode, kCode, workspace.codes.data() + at);
+      if (as_trained) std::copy_n(codes + i * kCode, kCode, workspace.exact_codes.data() + at);
+    }
+    n = 0;
+  };
   const auto flush = [&] {
-    for (int i = 0; i < n; ++i) {
-      const std::size_t k = chunk[static_cast<std::size_t>(i)].lenslet;
-      plan.features().describe(k, projections[static_cast<std::size_t>(i)], centroids.flux_adu[k],
-                               mean, workspace.a.data() + std::ptrdiff_t{i} * kSpotFeatures);
+    if (as_trained) {
+      for (int i = 0; i < n; ++i) {
+        const auto k = static_cast<std::size_t>(chunk[static_cast<std::size_t>(i)]);
+        plan.features().measure(frame, k, centroids.flux_adu[k], mean,
+                                workspace.a.data() + std::ptrdiff_t{i} * kSpotFeatures);
+      }
+    } else {
+      plan.features().measure_many(frame, chunk.data(), n, centroids.flux_adu.data(), mean,
+                                   workspace.a.data());
     }
     const float* codes = apply_layers(plan.network(), 0, ClassifierNetwork::kEncoderEnd, n,
                                       workspace.a.data(), workspace.b.data());
-    for (int i = 0; i < n; ++i)
-      std::copy_n(codes + std::ptrdiff_t{i} * kCode, kCode,
-                  chunk[static_cast<std::size_t>(i)].code);
-    n = 0;
+    keep(codes);
   };
   for (const std::int32_t k : workspace.lenslets) {
     const auto u = static_cast<std::size_t>(k);
-    float* const code = &workspace.codes(k / cols + 1, (k % cols + 1) * kCode);
+    const std::ptrdiff_t at = (std::ptrdiff_t{k / cols + 1} * (cols + 2) + k % cols + 1) * kCode;
     if (is_missing(centroids.state[u]) || !plan.features().has_lenslet(u)) {
-      std::copy_n(plan.missing_code(), kCode, code);
+      std::copy_n(plan.missing_rounded(), kCode, workspace.codes.data() + at);
+      if (as_trained) std::copy_n(plan.missing_code(), kCode, workspace.exact_codes.data() + at);
       continue;
     }
-    plan.features().project(frame, u, projections[static_cast<std::size_t>(n)]);
-    chunk[static_cast<std::size_t>(n++)] = {u, code};
+    to[static_cast<std::size_t>(n)] = at;
+    chunk[static_cast<std::size_t>(n++)] = k;
     if (n == ClassifierWorkspace::kChunk) flush();
   }
   if (n > 0) flush();
 }
-
-float probability_of(float logit) noexcept { return 1.0F / (1.0F + std::exp(-logit)); }
 
 Vortex vortex_at(int row, int col, float dx, float dy) noexcept {
   Vortex vortex;
@@ -150,30 +164,98 @@ Vortex vortex_at(int row, int col, float dx, float dy) noexcept {
   return vortex;
 }
 
-float scale_of(float log_scale) noexcept {
-  return std::exp(std::clamp(log_scale, kLeastLogScale, kMostLogScale));
+float probability_of(float odds) noexcept { return odds / (1.0F + odds); }
+
+const float kLeastScale = std::exp(kLeastLogScale);
+const float kMostScale = std::exp(kMostLogScale);
+
+float scale_of(float exponential) noexcept {
+  return std::clamp(exponential, kLeastScale, kMostScale);
 }
 
-Vortex vortex_of(const NodeOutput& output, int charge, int row, int col) noexcept {
-  const float a = scale_of(output.log_a);
-  const float c = scale_of(output.log_c);
-  const float ratio = output.b / (a * c);
+/// exponentials: of what is logarithms in output.
+Vortex vortex_of(const NodeOutput& output, const NodeOutput& exponentials, int charge, int row,
+                 int col) noexcept {
+  const float inverse_a = 1.0F / scale_of(exponentials.log_a);
+  const float inverse_c = 1.0F / scale_of(exponentials.log_c);
+  const float ratio = output.b * inverse_a * inverse_c;
   Vortex vortex = vortex_at(row, col, output.dx, output.dy);
   vortex.charge = charge;
-  vortex.probability = probability_of(output.logit);
-  vortex.variance_x = 1.0F / (a * a);
-  vortex.variance_y = ratio * ratio + 1.0F / (c * c);
-  vortex.covariance_xy = -ratio / a;
+  vortex.probability = probability_of(exponentials.logit);
+  vortex.variance_x = inverse_a * inverse_a;
+  vortex.variance_y = ratio * ratio + inverse_c * inverse_c;
+  vortex.covariance_xy = -ratio * inverse_a;
   return vortex;
 }
 
-Vortex vortex_of(const PairOutput& output, int row, int col) noexcept {
-  const float scale = scale_of(output.log_scale);
+Vortex vortex_of(const PairOutput& output, const PairOutput& exponentials, int row,
+                 int col) noexcept {
+  const float scale = scale_of(exponentials.log_scale);
   Vortex vortex = vortex_at(row, col, output.dx, output.dy);
   vortex.flags = kVortexUnresolvedPair;
-  vortex.probability = probability_of(output.logit);
+  vortex.probability = probability_of(exponentials.logit);
   vortex.variance_x = vortex.variance_y = 1.0F / (scale * scale);
   return vortex;
+}
+
+/// Where the patches of n nodes begin in the map of codes, which begins one lenslet before the
+/// array, as a patch does before its node.
+void find_patches(const ClassifierPlan& plan, const std::int32_t* nodes, int n, int row_step,
+                  std::int32_t* starts) noexcept {
+  const int node_cols = plan.cols() - 1;
+  for (int i = 0; i < n; ++i)
+    starts[i] = nodes[i] / node_cols * row_step + nodes[i] % node_cols * kCode;
+}
+
+/// Keeps the nodes whose inner lenslets look like it.
+void screen_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noexcept {
+  constexpr int kFirst = ClassifierNetwork::kScoutEnd;
+  constexpr int kInset = (kPatch - kScreenPatch) / 2;
+  constexpr std::size_t kAnswers = ClassifierNetwork::kOutputs.back();
+  FixedList<std::int32_t>& nodes = workspace.nodes;
+  const int row_step = workspace.codes.cols();
+  const auto least = static_cast<float>(plan.options().min_screen);
+  std::array<std::int32_t, ClassifierWorkspace::kChunk> starts;
+  std::size_t kept = 0;
+  for (std::size_t first = 0; first < nodes.size(); first += starts.size()) {
+    const std::size_t n = std::min(starts.size(), nodes.size() - first);
+    const auto count = static_cast<int>(n);
+    find_patches(plan, &nodes[first], count, row_step, starts.data());
+    multiply_patches(plan.screening(),
+                     workspace.codes.data() + std::ptrdiff_t{kInset} * (row_step + kCode), row_step,
+                     starts.data(), count, workspace.a.data());
+    const float* logits = apply_layers(plan.network(), kFirst + 1, ClassifierNetwork::kLayers,
+                                       count, workspace.a.data(), workspace.b.data());
+    for (std::size_t i = 0; i < n; ++i) {
+      const std::int32_t node = nodes[first + i];
+      nodes[kept] = node;
+      kept += logits[i * kAnswers] >= least ? 1 : 0;
+    }
+  }
+  nodes.shorten(kept);
+}
+
+/// The head's answers of n nodes.
+const float* judge_patches(const ClassifierPlan& plan, const std::int32_t* nodes, int n,
+                           ClassifierWorkspace& workspace) noexcept {
+  constexpr int kFirst = ClassifierNetwork::kEncoderEnd;
+  const int row_step = workspace.codes.cols();
+  std::array<std::int32_t, ClassifierWorkspace::kChunk> starts;
+  find_patches(plan, nodes, n, row_step, starts.data());
+  if (!plan.options().as_trained) {
+    multiply_patches(plan.judging(), workspace.codes.data(), row_step, starts.data(), n,
+                     workspace.a.data());
+    return apply_layers(plan.network(), kFirst + 1, ClassifierNetwork::kHeadEnd, n,
+                        workspace.a.data(), workspace.b.data());
+  }
+  float* to = workspace.a.data();
+  for (int i = 0; i < n; ++i) {
+    const float* from = workspace.exact_codes.data() + starts[static_cast<std::size_t>(i)];
+    for (int row = 0; row < kPatch; ++row, from += row_step, to += std::ptrdiff_t{kPatch} * kCode)
+      std::copy_n(from, kPatch * kCode, to);
+  }
+  return apply_layers(plan.network(), kFirst, ClassifierNetwork::kHeadEnd, n, workspace.a.data(),
+                      workspace.b.data());
 }
 
 void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noexcept {
@@ -182,32 +264,29 @@ void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noe
   const std::size_t n_nodes = workspace.nodes.size();
   for (std::size_t first = 0; first < n_nodes; first += ClassifierWorkspace::kChunk) {
     const auto n = std::min<std::size_t>(ClassifierWorkspace::kChunk, n_nodes - first);
-    float* to = workspace.a.data();
+    const float* out = judge_patches(plan, &workspace.nodes[first], static_cast<int>(n), workspace);
+    float* const exponentials = workspace.exponentials.data();
+    take_exponentials(out, static_cast<int>(n * kAnswer), exponentials);
     for (std::size_t i = 0; i < n; ++i) {
-      const std::int32_t node = workspace.nodes[first + i];
-      // The map of codes begins one lenslet before the array, as the node's patch does.
-      for (int row = 0; row < kPatch; ++row, to += std::ptrdiff_t{kPatch} * kCode) {
-        std::copy_n(&workspace.codes(node / node_cols + row, node % node_cols * kCode),
-                    kPatch * kCode, to);
-      }
-    }
-    const float* out =
-        apply_layers(plan.network(), ClassifierNetwork::kEncoderEnd, ClassifierNetwork::kHeadEnd,
-                     static_cast<int>(n), workspace.a.data(), workspace.b.data());
-    for (std::size_t i = 0; i < n; ++i, out += kAnswer) {
       const std::int32_t node = workspace.nodes[first + i];
       const int row = node / node_cols;
       const int col = node % node_cols;
       const auto see = [&](const Vortex& vortex) {
         workspace.seen.push({vortex, 2.0F / (vortex.variance_x + vortex.variance_y), row, col});
       };
+      const auto read = [&](auto output, const float* numbers, std::size_t offset) {
+        std::memcpy(&output, numbers + i * kAnswer + offset, sizeof output);
+        return output;
+      };
       for (const int charge : {1, -1}) {
-        const float* o = out + (charge > 0 ? 0 : kNodeOutputs);
-        if (o[0] >= kLeastLogit)
-          see(vortex_of(NodeOutput{o[0], o[1], o[2], o[3], o[4], o[5]}, charge, row, col));
+        const std::size_t offset = charge > 0 ? 0 : kNodeOutputs;
+        const auto output = read(NodeOutput{}, out, offset);
+        if (output.logit >= kLeastLogit)
+          see(vortex_of(output, read(NodeOutput{}, exponentials, offset), charge, row, col));
       }
-      const float* o = out + kFirstPairOutput;
-      if (o[0] >= kLeastLogit) see(vortex_of(PairOutput{o[0], o[1], o[2], o[3]}, row, col));
+      const auto output = read(PairOutput{}, out, kFirstPairOutput);
+      if (output.logit >= kLeastLogit)
+        see(vortex_of(output, read(PairOutput{}, exponentials, kFirstPairOutput), row, col));
     }
   }
 }
@@ -223,19 +302,25 @@ float distance_squared(const Vortex& a, const Vortex& b) noexcept {
 void report(const ClassifierPlan& plan, const CirculationMap& circulation,
             ClassifierWorkspace& workspace, VortexList& vortices) noexcept {
   FixedList<NodeVortex>& seen = workspace.seen;
-  if (seen.empty()) return;
-  std::sort(&seen[0], &seen[0] + seen.size(), [](const NodeVortex& a, const NodeVortex& b) {
-    if (a.vortex.probability != b.vortex.probability)
-      return a.vortex.probability > b.vortex.probability;
-    return a.row != b.row ? a.row < b.row : a.col < b.col;
-  });
+  FixedList<std::int32_t>& likely = workspace.likely;
   const int node_rows = plan.rows() - 1;
   const auto index_at = [&](int charge, int row, int col) -> std::int32_t& {
     return workspace.seen_at((charge + 1) * node_rows + row, col);
   };
-  workspace.seen_at.fill(-1);
-  for (std::size_t i = 0; i < seen.size(); ++i)
-    index_at(seen[i].vortex.charge, seen[i].row, seen[i].col) = static_cast<std::int32_t>(i);
+  const auto least = static_cast<float>(plan.options().min_probability);
+  likely.clear();
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    const Vortex& vortex = seen[i].vortex;
+    const auto index = static_cast<std::int32_t>(i);
+    index_at(vortex.charge, seen[i].row, seen[i].col) = index;
+    if (vortex.probability >= least && (vortex.charge != 0 || vortex.probability >= kBelievedPair))
+      likely.push(index);
+  }
+  std::sort(likely.begin(), likely.end(), [&](std::int32_t a, std::int32_t b) {
+    const float p = seen[static_cast<std::size_t>(a)].vortex.probability;
+    const float q = seen[static_cast<std::size_t>(b)].vortex.probability;
+    return p != q ? p > q : a < b;
+  });
   const auto for_each_near = [&](const NodeVortex& view, int charge, auto&& use) {
     const int last_row = std::min(view.row + kNear, node_rows - 1);
     const int last_col = std::min(view.col + kNear, plan.cols() - 2);
@@ -246,10 +331,9 @@ void report(const ClassifierPlan& plan, const CirculationMap& circulation,
       }
     }
   };
-  for (NodeVortex& view : seen) {
-    if (static_cast<double>(view.vortex.probability) < plan.options().min_probability) break;
+  for (const std::int32_t index : likely) {
+    NodeVortex& view = seen[static_cast<std::size_t>(index)];
     const int charge = view.vortex.charge;
-    if (charge == 0 && view.vortex.probability < kBelievedPair) continue;
     bool first = true;
     float weights = 0.0F, x = 0.0F, y = 0.0F;
     for_each_near(view, charge, [&](const NodeVortex& other) {
@@ -287,6 +371,7 @@ void report(const ClassifierPlan& plan, const CirculationMap& circulation,
     view.vortex = vortex;
     view.precision = -view.precision;  // reported
   }
+  for (const NodeVortex& view : seen) index_at(view.vortex.charge, view.row, view.col) = -1;
 }
 
 }  // namespace
@@ -296,6 +381,8 @@ ClassifierPlan::ClassifierPlan(const ClassifierOptions& options, const SpotCamer
     : options_(checked(options, camera)),
       features_(camera, format),
       network_(std::move(network)),
+      judging_(network_.layers[ClassifierNetwork::kEncoderEnd], kPatch),
+      screening_(network_.layers[ClassifierNetwork::kScoutEnd], kScreenPatch),
       pixels_per_lambda_w_(static_cast<float>(camera.pixels_per_lambda_w)) {
   DenseLayer& scouting = network_.layers[ClassifierNetwork::kHeadEnd];  // its first input is 1
   for (std::size_t i = 0; i < scouting.bias.size(); ++i)
@@ -305,6 +392,18 @@ ClassifierPlan::ClassifierPlan(const ClassifierOptions& options, const SpotCamer
   const float* code =
       apply_layers(network_, 0, ClassifierNetwork::kEncoderEnd, 1, a.data(), b.data());
   missing_code_.assign(code, code + kCode);
+  missing_rounded_.resize(kCode);
+  round_codes(code, kCode, missing_rounded_.data());
+  if (!options_.as_trained) {  // the first layer takes features as measure_many has them
+    DenseLayer& measuring = network_.layers.front();
+    const AlignedVector<float> weights = measuring.weights;
+    const auto outputs = static_cast<std::size_t>(measuring.outputs);
+    for (std::size_t i = 0; i < kSpotFeatures; ++i) {
+      const auto place = static_cast<std::size_t>(kMeasuredPlaces[i]);
+      std::copy_n(weights.data() + i * outputs, outputs,
+                  measuring.weights.data() + place * outputs);
+    }
+  }
 }
 
 ClassifierWorkspace::ClassifierWorkspace(const ClassifierPlan& plan)
@@ -315,9 +414,15 @@ ClassifierWorkspace::ClassifierWorkspace(const ClassifierPlan& plan)
       lenslets(wanted.size()),
       a(static_cast<std::size_t>(kChunk) * ClassifierNetwork::kWidest),
       b(a.size()),
+      exponentials(kChunk * kAnswer),
       seen(3 * wanted.size()),
-      seen_at(3 * (plan.rows() - 1), plan.cols() - 1) {
-  for (std::size_t i = 0; i < codes.size(); ++i) codes[i] = plan.missing_code()[i % kCode];
+      likely(seen.capacity()),
+      seen_at(3 * (plan.rows() - 1), plan.cols() - 1, -1) {
+  if (plan.options().as_trained) exact_codes = Image<float>(codes.rows(), codes.cols());
+  for (std::size_t i = 0; i < codes.size(); i += kCode) {
+    std::copy_n(plan.missing_rounded(), kCode, codes.data() + i);
+    if (!exact_codes.empty()) std::copy_n(plan.missing_code(), kCode, exact_codes.data() + i);
+  }
 }
 
 void classify_vortices(const ClassifierPlan& plan, FrameView frame, const Centroids& centroids,
@@ -328,7 +433,14 @@ void classify_vortices(const ClassifierPlan& plan, FrameView frame, const Centro
   vortices.clear();
   const float mean = mean_flux(centroids);
   choose_nodes(plan, centroids, circulation, mean, workspace);
-  gather_lenslets(plan, workspace);
+  workspace.wanted.fill(0);
+  workspace.encoded = 0;
+  if (plan.screens()) {
+    gather_lenslets(plan, kScreenPatch, workspace);
+    encode_lenslets(plan, frame, centroids, mean, workspace);
+    screen_nodes(plan, workspace);
+  }
+  gather_lenslets(plan, kPatch, workspace);
   encode_lenslets(plan, frame, centroids, mean, workspace);
   judge_nodes(plan, workspace);
   report(plan, circulation, workspace, vortices);

@@ -10,6 +10,7 @@
 #include "core/image.h"
 #include "core/vortex.h"
 #include "detect/classifier_network.h"
+#include "detect/patch_layer.h"
 #include "detect/spot_features.h"
 #include "detect/vortex_scout.h"
 
@@ -21,6 +22,11 @@ struct ClassifierOptions {
   double min_probability = 0.5;  ///< less likely vortices are not reported; in (0, 1)
   /// Nodes that the scout gives less, a logit, are not judged. Below kEveryNode every one is.
   double min_scout = -2.0;
+  /// Nor those that the screen gives less, likewise.
+  double min_screen = -2.5;
+  /// Sums in the order and to the precision of the training, and no screen; slower. Probabilities
+  /// differ by less than .01.
+  bool as_trained = false;
 };
 
 /// All that follows from sensor, frame format, options and network. Const after construction.
@@ -38,15 +44,24 @@ class ClassifierPlan {
   int rows() const { return features_.rows(); }  ///< lenslets
   int cols() const { return features_.cols(); }
   float pixels_per_lambda_w() const { return pixels_per_lambda_w_; }
+  /// The first layers of head and screen in fixed point.
+  const PatchLayer& judging() const { return judging_; }
+  const PatchLayer& screening() const { return screening_; }
   /// The encoding of a lenslet that is not there, [ClassifierNetwork::kCode].
   const float* missing_code() const { return missing_code_.data(); }
+  const std::int16_t* missing_rounded() const { return missing_rounded_.data(); }
+  /// Whether nodes are screened before they are judged.
+  bool screens() const { return options_.min_screen > kEveryNode && !options_.as_trained; }
 
  private:
   ClassifierOptions options_;
   SpotFeatures features_;
   ClassifierNetwork network_;
+  PatchLayer judging_;
+  PatchLayer screening_;
   float pixels_per_lambda_w_;
   AlignedVector<float> missing_code_;
+  AlignedVector<std::int16_t> missing_rounded_;
 };
 
 /// A vortex, or an unresolved pair, seen from one node, before those seen twice are made one.
@@ -64,14 +79,19 @@ struct ClassifierWorkspace {
   static constexpr int kChunk = 48;  ///< lenslets or nodes that go through a layer together
 
   ScoutWorkspace scout;
-  Image<float> codes;                ///< padded, [rows + 2, (cols + 2)·kCode]
-  Image<std::uint8_t> wanted;        ///< padded, and to 8 columns: 1 near a node that is judged
+  Image<std::int16_t> codes;         ///< padded, [rows + 2, (cols + 2)·kCode], in 1/kCodeSteps
+  Image<float> exact_codes;          ///< the same as floats, where options.as_trained
+  Image<std::uint8_t> wanted;        ///< padded, and to 8 columns: 1 wanted, 3 listed
   FixedList<std::int32_t> nodes;     ///< judged, row·(cols − 1) + col
-  FixedList<std::int32_t> lenslets;  ///< encoded
+  FixedList<std::int32_t> lenslets;  ///< encoded last
+  int encoded = 0;                   ///< lenslets, in all
   AlignedVector<float> a;            ///< a chunk between layers
   AlignedVector<float> b;
+  AlignedVector<float> exponentials;  ///< of what the head says of a chunk
   FixedList<NodeVortex> seen;
-  Image<std::int32_t> seen_at;  ///< [3·(rows − 1), cols − 1], by charge + 1: index in seen, or −1
+  FixedList<std::int32_t> likely;  ///< of those seen, likely enough to be reported
+  Image<std::int32_t> seen_at;  ///< [3·(rows − 1), cols − 1], by charge + 1: index in seen, or −1,
+                                ///< as between frames everywhere
 };
 
 /// Vortices of one frame, the surest first; `vortices` is cleared first. Never allocates.

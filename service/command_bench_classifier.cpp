@@ -86,7 +86,7 @@ ClassifierCost measure_cost(const ClassifierCase& which, const ClassifierBenchOp
     }
     cost.reported += static_cast<double>(vortices.size());
     cost.nodes += static_cast<double>(workspace.nodes.size());
-    cost.lenslets += static_cast<double>(workspace.lenslets.size());
+    cost.lenslets += static_cast<double>(workspace.encoded);
   }
   for (double* sum : {&cost.required, &cost.reported, &cost.nodes, &cost.lenslets})
     *sum /= which.realisations;

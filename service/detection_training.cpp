@@ -134,8 +134,9 @@ std::vector<ValidationScore> validate(const std::vector<ValidationFields>& all,
   std::vector<ValidationScore> scores;
   for (const ValidationFields& fields : all) {
     for (const auto& plan : fields.plans) {
-      const ClassifierPlan classifier({.min_probability = 0.02, .min_scout = -1e30},
-                                      spot_camera(plan->sensor()), plan->format(), network);
+      const ClassifierPlan classifier(
+          {.min_probability = 0.02, .min_scout = -1e30, .as_trained = true},
+          spot_camera(plan->sensor()), plan->format(), network);
       ClassifierWorkspace workspace(classifier);
       MeasuredFrame frame(*plan);
       VortexList found(4096);
@@ -257,6 +258,7 @@ TrainingReport train_vortex_classifier(const TrainingOptions& options,
   }
   const Clock::time_point scouting = Clock::now();
   train_scout(fields, options.seed, report.network, log);
+  train_screen(fields, options.seed, report.network, log);
   report.scouting_s = seconds_since(scouting);
   report.measuring_s = lessons.measuring_s();
   report.training_s =
@@ -266,7 +268,7 @@ TrainingReport train_vortex_classifier(const TrainingOptions& options,
 
 std::string weights_text(const TrainingReport& report, const std::string& command) {
   std::string text = fmt::format(
-      "// Weights of the vortex classifier, version 1. Made, not written, by\n//   {}\n"
+      "// Weights of the vortex classifier, version 2. Made, not written, by\n//   {}\n"
       "// Validation (Rytov variance, photons: average precision, F1, rms in pitches):\n",
       command);
   for (const ValidationScore& score : report.validation) {

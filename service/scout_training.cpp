@@ -39,19 +39,26 @@ class MeasurementPlans {
   std::map<std::tuple<double, int, double, double>, std::unique_ptr<MeasurementPlan>> plans_;
 };
 
-struct ScoutLesson {
-  std::array<float, kScoutFeatures> inputs;
-  float found;  // 1: the network sees a vortex from this node
+/// What a gate gets of a node, and whether it is to let it pass.
+struct GateLessons {
+  std::size_t size() const { return found.size(); }
+
+  std::size_t width;          // inputs of a lesson
+  std::vector<float> inputs;  // [lessons, width]
+  std::vector<float> found;   // [lessons]; 1: the network sees a vortex from this node
 };
 
-std::vector<ScoutLesson> scout_lessons(std::vector<TrainingField>& fields,
-                                       const ClassifierNetwork& network) {
-  constexpr std::size_t kMostFields = 120;
+constexpr std::size_t kMostFields = 120;
+
+/// Exposes the fields and calls use(classifier, frame, workspace, found) with what the network says
+/// of the nodes that the scout gives min_scout; found: where it sees a vortex well.
+template <typename Use>
+void see_fields(std::vector<TrainingField>& fields, const ClassifierNetwork& network,
+                double min_scout, Use&& use) {
   constexpr float kFound = 0.1F;
   constexpr float kBestView = 0.5F;  // of the most that a neighbour gives the same vortex
   constexpr std::array<double, 4> kPhotons{kWithoutNoise, 1000.0, 200.0, 450.0};
   MeasurementPlans plans;
-  std::vector<ScoutLesson> lessons;
   for (std::size_t i = 0; i < std::min(kMostFields, fields.size()); ++i) {
     TrainingField& field = fields[i];
     // Fields come in fives of a geometry, tens of geometries.
@@ -61,12 +68,13 @@ std::vector<ScoutLesson> scout_lessons(std::vector<TrainingField>& fields,
     measure_frame(plan, realisation, realisation_seed(Subset::kTraining, static_cast<int>(i)),
                   frame);
     field.light = std::move(realisation.light);
-    const ClassifierPlan classifier({.min_probability = 0.02, .min_scout = 2.0 * kEveryNode},
-                                    spot_camera(plan.sensor()), plan.format(), network);
+    const ClassifierPlan classifier(
+        {.min_probability = 0.02, .min_scout = min_scout, .as_trained = true},
+        spot_camera(plan.sensor()), plan.format(), network);
     ClassifierWorkspace workspace(classifier);
-    VortexList found(field.light.size());
+    VortexList vortices(field.light.size());
     classify_vortices(classifier, frame.frame.view(), frame.centroids, frame.circulation, workspace,
-                      found);
+                      vortices);
     const int rows = classifier.rows() - 1;
     const int cols = classifier.cols() - 1;
     Image<std::array<float, 3>> probability(rows, cols);
@@ -74,70 +82,101 @@ std::vector<ScoutLesson> scout_lessons(std::vector<TrainingField>& fields,
       const int kind = seen.vortex.charge + 1;
       probability(seen.row, seen.col)[static_cast<std::size_t>(kind)] = seen.vortex.probability;
     }
-    const auto deserves = [&](int row, int col) {
-      for (std::size_t kind = 0; kind < 3; ++kind) {
-        const float here = probability(row, col)[kind];
-        bool best = here >= kFound;
-        for (int r = row - 1; r <= row + 1; ++r)
-          for (int c = col - 1; c <= col + 1; ++c)
-            best =
-                best && !(probability.contains(r, c) && here < kBestView * probability(r, c)[kind]);
-        if (best) return true;
-      }
-      return false;
-    };
-    describe_lenslets(frame.centroids, frame.circulation, mean_flux(frame.centroids),
-                      classifier.pixels_per_lambda_w(), workspace.scout);
+    Image<float> found(rows, cols);
     for (int row = 0; row < rows; ++row) {
-      describe_nodes(row, workspace.scout);
       for (int col = 0; col < cols; ++col) {
-        ScoutLesson& lesson = lessons.emplace_back();
-        for (int f = 0; f < kScoutFeatures; ++f)
-          lesson.inputs[static_cast<std::size_t>(f)] = workspace.scout.features(f, col);
-        lesson.found = deserves(row, col) ? 1.0F : 0.0F;
+        for (std::size_t kind = 0; kind < 3; ++kind) {
+          const float here = probability(row, col)[kind];
+          bool best = here >= kFound;
+          for (int r = row - 1; r <= row + 1; ++r)
+            for (int c = col - 1; c <= col + 1; ++c)
+              best = best &&
+                     !(probability.contains(r, c) && here < kBestView * probability(r, c)[kind]);
+          if (best) found(row, col) = 1.0F;
+        }
       }
     }
+    use(classifier, frame, workspace, found);
   }
+}
+
+GateLessons scout_lessons(std::vector<TrainingField>& fields, const ClassifierNetwork& network) {
+  GateLessons lessons{kScoutFeatures, {}, {}};
+  see_fields(fields, network, 2.0 * kEveryNode,
+             [&](const ClassifierPlan& classifier, const MeasuredFrame& frame,
+                 ClassifierWorkspace& workspace, const Image<float>& found) {
+               describe_lenslets(frame.centroids, frame.circulation, mean_flux(frame.centroids),
+                                 classifier.pixels_per_lambda_w(), workspace.scout);
+               for (int row = 0; row < found.rows(); ++row) {
+                 describe_nodes(row, workspace.scout);
+                 for (int col = 0; col < found.cols(); ++col) {
+                   for (int f = 0; f < kScoutFeatures; ++f)
+                     lessons.inputs.push_back(workspace.scout.features(f, col));
+                   lessons.found.push_back(found(row, col));
+                 }
+               }
+             });
   return lessons;
 }
 
-}  // namespace
+/// Of the nodes that the trained scout lets pass.
+GateLessons screen_lessons(std::vector<TrainingField>& fields, const ClassifierNetwork& network) {
+  constexpr int kCode = ClassifierNetwork::kCode;
+  constexpr int kInset = (kPatch - kScreenPatch) / 2;
+  GateLessons lessons{std::size_t{kScreenPatch} * kScreenPatch * kCode, {}, {}};
+  see_fields(fields, network, ClassifierOptions{}.min_scout,
+             [&](const ClassifierPlan&, const MeasuredFrame&, const ClassifierWorkspace& workspace,
+                 const Image<float>& found) {
+               for (const std::int32_t node : workspace.nodes) {
+                 const int row = node / found.cols();
+                 const int col = node % found.cols();
+                 for (int r = row + kInset; r < row + kInset + kScreenPatch; ++r) {
+                   const float* codes = &workspace.exact_codes(r, (col + kInset) * kCode);
+                   lessons.inputs.insert(lessons.inputs.end(), codes, codes + kScreenPatch * kCode);
+                 }
+                 lessons.found.push_back(found(row, col));
+               }
+             });
+  return lessons;
+}
 
-void train_scout(std::vector<TrainingField>& fields, std::uint64_t seed, ClassifierNetwork& network,
-                 const std::function<void(const std::string&)>& log) {
-  const std::vector<ScoutLesson> lessons = scout_lessons(fields, network);
+/// Trains layers [first, last), the last of which says a logit, and logs what thresholds would
+/// cost.
+void train_gate(const char* name, const GateLessons& lessons, RandomStream random, int first,
+                int last, ClassifierNetwork& network,
+                const std::function<void(const std::string&)>& log) {
   constexpr int kBatch = 1024;
   constexpr int kSteps = 3000;
   constexpr double kRate = 5e-3;
-  RandomStream random(seed, 2);
-  ClassifierOptimiser optimiser(network, ClassifierNetwork::kHeadEnd, ClassifierNetwork::kLayers,
-                                kBatch);
-  constexpr auto kOut = static_cast<std::size_t>(ClassifierNetwork::kOutputs.back());
+  ClassifierOptimiser optimiser(network, first, last, kBatch);
+  const auto out =
+      static_cast<std::size_t>(network.layers[static_cast<std::size_t>(last - 1)].outputs);
+  const auto take = [&](std::size_t lesson, std::size_t to) {
+    std::copy_n(lessons.inputs.data() + lesson * lessons.width, lessons.width,
+                optimiser.inputs() + to * lessons.width);
+  };
   std::array<float, kBatch> found{};
   for (int step = 0; step < kSteps; ++step) {
     for (std::size_t i = 0; i < kBatch; ++i) {
       const auto pick =
           static_cast<std::size_t>(random.uniform() * static_cast<double>(lessons.size()));
-      std::copy_n(lessons[pick].inputs.data(), kScoutFeatures,
-                  optimiser.inputs() + i * kScoutFeatures);
-      found[i] = lessons[pick].found;
+      take(pick, i);
+      found[i] = lessons.found[pick];
     }
     const float* output = optimiser.run();
     float* gradient = optimiser.output_gradient();
-    std::fill_n(gradient, kBatch * kOut, 0.0F);
+    std::fill_n(gradient, kBatch * out, 0.0F);
     for (std::size_t i = 0; i < kBatch; ++i)
-      gradient[i * kOut] = (1.0F / (1.0F + std::exp(-output[i * kOut])) - found[i]) / kBatch;
+      gradient[i * out] = (1.0F / (1.0F + std::exp(-output[i * out])) - found[i]) / kBatch;
     optimiser.step(kRate * 0.5 * (1.0 + std::cos(std::numbers::pi * step / kSteps)));
   }
   std::vector<float> with, all;
-  for (std::size_t first = 0; first + kBatch <= lessons.size(); first += kBatch) {
-    for (std::size_t i = 0; i < kBatch; ++i)
-      std::copy_n(lessons[first + i].inputs.data(), kScoutFeatures,
-                  optimiser.inputs() + i * kScoutFeatures);
+  for (std::size_t from = 0; from + kBatch <= lessons.size(); from += kBatch) {
+    for (std::size_t i = 0; i < kBatch; ++i) take(from + i, i);
     const float* output = optimiser.run();
     for (std::size_t i = 0; i < kBatch; ++i) {
-      all.push_back(output[i * kOut]);
-      if (lessons[first + i].found > 0.0F) with.push_back(output[i * kOut]);
+      all.push_back(output[i * out]);
+      if (lessons.found[from + i] > 0.0F) with.push_back(output[i * out]);
     }
   }
   if (with.empty()) return;
@@ -146,10 +185,26 @@ void train_scout(std::vector<TrainingField>& fields, std::uint64_t seed, Classif
     const float least = with[static_cast<std::size_t>(lost * static_cast<double>(with.size()))];
     const auto kept = std::count_if(all.begin(), all.end(), [&](float z) { return z >= least; });
     log(fmt::format(
-        "scout from {:.2f}: loses {:.1f} % of {} nodes with a vortex, keeps {:.1f} % of {}", least,
-        100.0 * lost, with.size(),
+        "{} from {:.2f}: loses {:.1f} % of {} nodes with a vortex, keeps {:.1f} % of {}", name,
+        least, 100.0 * lost, with.size(),
         100.0 * static_cast<double>(kept) / static_cast<double>(all.size()), all.size()));
   }
+}
+
+}  // namespace
+
+void train_scout(std::vector<TrainingField>& fields, std::uint64_t seed, ClassifierNetwork& network,
+                 const std::function<void(const std::string&)>& log) {
+  train_gate("scout", scout_lessons(fields, network), RandomStream(seed, 2),
+             ClassifierNetwork::kHeadEnd, ClassifierNetwork::kScoutEnd, network, log);
+}
+
+void train_screen(std::vector<TrainingField>& fields, std::uint64_t seed,
+                  ClassifierNetwork& network, const std::function<void(const std::string&)>& log) {
+  const GateLessons lessons = screen_lessons(fields, network);
+  if (lessons.size() == 0) return;
+  train_gate("screen", lessons, RandomStream(seed, 3), ClassifierNetwork::kScoutEnd,
+             ClassifierNetwork::kLayers, network, log);
 }
 
 }  // namespace curlew

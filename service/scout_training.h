@@ -1,4 +1,4 @@
-// The training of the classifier's scout: it learns what the trained network finds.
+// The training of the classifier's scout and screen: they learn what the trained network finds.
 #pragma once
 
 #include <cstdint>
@@ -15,5 +15,9 @@ namespace curlew {
 /// would cost.
 void train_scout(std::vector<TrainingField>& fields, std::uint64_t seed, ClassifierNetwork& network,
                  const std::function<void(const std::string&)>& log);
+
+/// The same of the screen, after the scout: it learns of the nodes that the scout lets pass.
+void train_screen(std::vector<TrainingField>& fields, std::uint64_t seed,
+                  ClassifierNetwork& network, const std::function<void(const std::string&)>& log);
 
 }  // namespace curlew

@@ -242,6 +242,51 @@ TEST(VortexClassifier, LivesWithMissingLensletsAndAnyPixels) {
   EXPECT_TRUE(chain.classify().empty());
 }
 
+/// What speed costs: fixed point, and nodes that the screen drops.
+TEST(VortexClassifier, FindsWhatItWasTrainedToFind) {
+  Chain exact({.min_probability = 0.3, .as_trained = true});
+  Chain unscreened({.min_probability = 0.3, .min_screen = 2.0 * kEveryNode});
+  Chain fast({.min_probability = 0.3});
+  std::size_t found = 0;
+  std::size_t judged = 0;
+  std::size_t judged_exactly = 0;
+  for (int trial = 0; trial < 6; ++trial) {
+    const std::uint64_t seed = kSeed + static_cast<std::uint64_t>(trial);
+    Scene scene = vortex_scene(5.2 + 0.4 * trial, 6.9 - 0.3 * trial, trial % 2 == 0 ? 1 : -1);
+    scene.vortices.push_back({.x = 11.3, .y = 10.6 + 0.2 * trial, .charge = 1});
+    const Image<float> light = light_of(scene, 300.0);
+    for (Chain* chain : {&exact, &unscreened, &fast}) {
+      chain->expose(light, seed);
+      chain->classify();
+    }
+    ASSERT_EQ(unscreened.vortices.size(), exact.vortices.size()) << "seed " << seed;
+    ASSERT_EQ(fast.vortices.size(), exact.vortices.size()) << "seed " << seed;
+    for (std::size_t i = 0; i < exact.vortices.size(); ++i) {
+      const Vortex& expected = exact.vortices[i];
+      const auto among = [&](const VortexList& others, float apart, float probability) {
+        return std::any_of(others.begin(), others.end(), [&](const Vortex& other) {
+          return other.charge == expected.charge &&
+                 std::hypot(other.x - expected.x, other.y - expected.y) < apart &&
+                 std::abs(other.probability - expected.probability) < probability;
+        });
+      };
+      EXPECT_TRUE(among(unscreened.vortices, 0.01F, 0.01F)) << "seed " << seed;
+      // A view less moves the mean of views, by less than its standard deviation.
+      EXPECT_TRUE(among(fast.vortices, 0.3F, 1.0F)) << "seed " << seed;
+      ++found;
+    }
+    EXPECT_TRUE(std::equal(exact.workspace.nodes.begin(), exact.workspace.nodes.end(),
+                           unscreened.workspace.nodes.begin(), unscreened.workspace.nodes.end()));
+    EXPECT_TRUE(std::includes(exact.workspace.nodes.begin(), exact.workspace.nodes.end(),
+                              fast.workspace.nodes.begin(), fast.workspace.nodes.end()));
+    EXPECT_LE(fast.workspace.encoded, exact.workspace.encoded);
+    judged += fast.workspace.nodes.size();
+    judged_exactly += exact.workspace.nodes.size();
+  }
+  EXPECT_GE(found, 6U);
+  EXPECT_LT(judged, judged_exactly);
+}
+
 TEST(VortexClassifier, SameFrameSameBits) {
   Chain first;
   Chain second;
