@@ -49,13 +49,15 @@ double integrate_information(double mean, double sigma) {
 }
 
 struct Place {
-  int row;
-  int col;
+  Eigen::Index row;
+  Eigen::Index col;
 };
 
 /// The lenslets of a patch by their ring round its middle, the innermost first.
 std::vector<Place> rings(int lenslets) {
-  const auto ring = [&](int at) { return std::max(lenslets / 2 - at, at - lenslets / 2 + 1); };
+  const auto ring = [half = lenslets / 2](Eigen::Index at) {
+    return std::max(half - at, at - half + 1);
+  };
   std::vector<Place> places;
   for (int row = 0; row < lenslets; ++row)
     for (int col = 0; col < lenslets; ++col) places.push_back({row, col});
@@ -161,7 +163,7 @@ void SpotDerivative::linearise(const Eigen::MatrixXcd& field, Eigen::VectorXd& l
 VortexView view_vortex(const SampledField& field, const GradedVortex& vortex, int rows, int cols,
                        const FieldModes& modes, const SpotDerivative& spots) {
   const int lenslets = modes.lenslets;
-  const int n = modes.samples;
+  const Eigen::Index n = modes.samples;
   const bool mirrored = vortex.charge < 0;
   const Eigen::MatrixXcd patch = cut_patch(field, vortex, lenslets);
   const int first_row = static_cast<int>(std::floor(vortex.y)) + 1 - lenslets / 2;
@@ -174,8 +176,8 @@ VortexView view_vortex(const SampledField& field, const GradedVortex& vortex, in
   for (int side = 2; side <= lenslets; side += 2) {
     for (int k = (side - 2) * (side - 2); k < side * side; ++k) {
       const Place& place = all[static_cast<std::size_t>(k)];
-      const int row = first_row + place.row;
-      const int col = first_col + (mirrored ? lenslets - 1 - place.col : place.col);
+      const Eigen::Index row = first_row + place.row;
+      const Eigen::Index col = first_col + (mirrored ? lenslets - 1 - place.col : place.col);
       if (row >= 0 && row < rows && col >= 0 && col < cols) seen.push_back(place);
     }
     view.pixels_within.push_back(static_cast<Eigen::Index>(seen.size()) * pixels);
@@ -201,11 +203,13 @@ VortexView view_vortex(const SampledField& field, const GradedVortex& vortex, in
     at += pixels;
   }
 
-  const auto in_points = [&](double x, int first) { return (x - first + 0.5) * n - 0.5; };
+  const auto in_points = [&](double x, int first) {
+    return (x - first + 0.5) * modes.samples - 0.5;
+  };
   const double x = in_points(vortex.x, first_col);
-  view.displacement =
-      displacements(patch, {mirrored ? lenslets * n - 1.0 - x : x, in_points(vortex.y, first_row)},
-                    modes, view.amplitude);
+  view.displacement = displacements(
+      patch, {mirrored ? lenslets * modes.samples - 1.0 - x : x, in_points(vortex.y, first_row)},
+      modes, view.amplitude);
   if (mirrored) view.displacement.row(0) *= -1.0;
   return view;
 }
