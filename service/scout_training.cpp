@@ -132,7 +132,8 @@ GateLessons screen_lessons(std::vector<TrainingField>& fields, const ClassifierN
                  const int col = node % found.cols();
                  for (int r = row + kInset; r < row + kInset + kScreenPatch; ++r) {
                    const float* codes = &workspace.exact_codes(r, (col + kInset) * kCode);
-                   lessons.inputs.insert(lessons.inputs.end(), codes, codes + kScreenPatch * kCode);
+                   lessons.inputs.insert(lessons.inputs.end(), codes,
+                                         codes + std::ptrdiff_t{kScreenPatch} * kCode);
                  }
                  lessons.found.push_back(found(row, col));
                }
