@@ -5,12 +5,10 @@
 #include <cassert>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <string>
 #include <utility>
 
 #include "core/error.h"
-#include "detect/circulation.h"
 #include "detect/matrix_product.h"
 
 namespace curlew {
@@ -19,13 +17,8 @@ namespace {
 constexpr int kCode = ClassifierNetwork::kCode;
 constexpr std::size_t kAnswer = ClassifierNetwork::kOutputs[ClassifierNetwork::kHeadEnd - 1];
 static_assert(kFirstPairOutput + kPairOutputs == kAnswer);
-constexpr float kLeastLogit = -4.0F;    // seen from one node: below this it is nothing
-constexpr float kBelievedPair = 0.5F;   // less likely pairs are not reported
-constexpr float kSameVortex = 0.8F;     // pitches: vortices of one sign nearer are one
-constexpr float kPairOrVortex = 0.75F;  // pitches: a vortex and a pair nearer are one or the other
-constexpr float kAgree = 0.8F;          // pitches: nodes that see it here have a say in where
-constexpr int kNear = 2;                // nodes along an axis, between views of one vortex
-constexpr int kWord = 8;                // bytes of `wanted` that are looked at together
+constexpr float kLeastLogit = -4.0F;  // seen from one node: below this it is nothing
+constexpr int kWord = 8;              // bytes of `wanted` that are looked at together
 
 const ClassifierOptions& checked(const ClassifierOptions& options, const SpotCamera& camera) {
   if (!(options.min_probability > 0.0 && options.min_probability < 1.0)) {
@@ -259,7 +252,7 @@ const float* judge_patches(const ClassifierPlan& plan, const std::int32_t* nodes
 }
 
 void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noexcept {
-  workspace.seen.clear();
+  workspace.views.seen.clear();
   const int node_cols = plan.cols() - 1;
   const std::size_t n_nodes = workspace.nodes.size();
   for (std::size_t first = 0; first < n_nodes; first += ClassifierWorkspace::kChunk) {
@@ -272,7 +265,8 @@ void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noe
       const int row = node / node_cols;
       const int col = node % node_cols;
       const auto see = [&](const Vortex& vortex) {
-        workspace.seen.push({vortex, 2.0F / (vortex.variance_x + vortex.variance_y), row, col});
+        workspace.views.seen.push(
+            {vortex, 2.0F / (vortex.variance_x + vortex.variance_y), row, col});
       };
       const auto read = [&](auto output, const float* numbers, std::size_t offset) {
         std::memcpy(&output, numbers + i * kAnswer + offset, sizeof output);
@@ -289,89 +283,6 @@ void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noe
         see(vortex_of(output, read(PairOutput{}, exponentials, kFirstPairOutput), row, col));
     }
   }
-}
-
-float distance_squared(const Vortex& a, const Vortex& b) noexcept {
-  const float x = a.x - b.x;
-  const float y = a.y - b.y;
-  return x * x + y * y;
-}
-
-/// The surest views in turn: each is reported unless a surer one is the same vortex, or was a pair
-/// where this is a vortex, or the other way about.
-void report(const ClassifierPlan& plan, const CirculationMap& circulation,
-            ClassifierWorkspace& workspace, VortexList& vortices) noexcept {
-  FixedList<NodeVortex>& seen = workspace.seen;
-  FixedList<std::int32_t>& likely = workspace.likely;
-  const int node_rows = plan.rows() - 1;
-  const auto index_at = [&](int charge, int row, int col) -> std::int32_t& {
-    return workspace.seen_at((charge + 1) * node_rows + row, col);
-  };
-  const auto least = static_cast<float>(plan.options().min_probability);
-  likely.clear();
-  for (std::size_t i = 0; i < seen.size(); ++i) {
-    const Vortex& vortex = seen[i].vortex;
-    const auto index = static_cast<std::int32_t>(i);
-    index_at(vortex.charge, seen[i].row, seen[i].col) = index;
-    if (vortex.probability >= least && (vortex.charge != 0 || vortex.probability >= kBelievedPair))
-      likely.push(index);
-  }
-  std::sort(likely.begin(), likely.end(), [&](std::int32_t a, std::int32_t b) {
-    const float p = seen[static_cast<std::size_t>(a)].vortex.probability;
-    const float q = seen[static_cast<std::size_t>(b)].vortex.probability;
-    return p != q ? p > q : a < b;
-  });
-  const auto for_each_near = [&](const NodeVortex& view, int charge, auto&& use) {
-    const int last_row = std::min(view.row + kNear, node_rows - 1);
-    const int last_col = std::min(view.col + kNear, plan.cols() - 2);
-    for (int r = std::max(view.row - kNear, 0); r <= last_row; ++r) {
-      for (int c = std::max(view.col - kNear, 0); c <= last_col; ++c) {
-        const std::int32_t i = index_at(charge, r, c);
-        if (i >= 0) use(seen[static_cast<std::size_t>(i)]);
-      }
-    }
-  };
-  for (const std::int32_t index : likely) {
-    NodeVortex& view = seen[static_cast<std::size_t>(index)];
-    const int charge = view.vortex.charge;
-    bool first = true;
-    float weights = 0.0F, x = 0.0F, y = 0.0F;
-    for_each_near(view, charge, [&](const NodeVortex& other) {
-      const float apart = distance_squared(view.vortex, other.vortex);
-      first &= !(other.precision < 0.0F && apart < kSameVortex * kSameVortex);
-      if (apart > kAgree * kAgree) return;
-      const float weight = other.vortex.probability * std::abs(other.precision);
-      weights += weight;
-      x += weight * other.vortex.x;
-      y += weight * other.vortex.y;
-    });
-    const auto give_way = [&](const NodeVortex& other) {
-      const float apart = distance_squared(view.vortex, other.vortex);
-      first &= !(other.precision < 0.0F && apart < kPairOrVortex * kPairOrVortex);
-    };
-    if (charge != 0) {
-      for_each_near(view, 0, give_way);
-    } else {
-      for_each_near(view, 1, give_way);
-      for_each_near(view, -1, give_way);
-    }
-    if (!first) continue;
-    Vortex vortex = view.vortex;
-    vortex.x = std::clamp(x / weights, 0.0F, static_cast<float>(plan.cols() - 1));
-    vortex.y = std::clamp(y / weights, 0.0F, static_cast<float>(plan.rows() - 1));
-    for_each_near(view, charge, [&](const NodeVortex& other) {
-      first &= !(other.precision < 0.0F &&
-                 distance_squared(vortex, other.vortex) < kSameVortex * kSameVortex);
-    });
-    if (!first) continue;
-    vortex.circulation = circulation.value(view.row, view.col);
-    vortex.significance =
-        significance(vortex.circulation, circulation.variance(view.row, view.col));
-    vortices.push(vortex);
-    view.vortex = vortex;
-    view.precision = -view.precision;  // reported
-  }
-  for (const NodeVortex& view : seen) index_at(view.vortex.charge, view.row, view.col) = -1;
 }
 
 }  // namespace
@@ -415,9 +326,7 @@ ClassifierWorkspace::ClassifierWorkspace(const ClassifierPlan& plan)
       a(static_cast<std::size_t>(kChunk) * ClassifierNetwork::kWidest),
       b(a.size()),
       exponentials(kChunk * kAnswer),
-      seen(3 * wanted.size()),
-      likely(seen.capacity()),
-      seen_at(3 * (plan.rows() - 1), plan.cols() - 1, -1) {
+      views(plan.rows() - 1, plan.cols() - 1) {
   if (plan.options().as_trained) exact_codes = Image<float>(codes.rows(), codes.cols());
   for (std::size_t i = 0; i < codes.size(); i += kCode) {
     std::copy_n(plan.missing_rounded(), kCode, codes.data() + i);
@@ -443,7 +352,7 @@ void classify_vortices(const ClassifierPlan& plan, FrameView frame, const Centro
   gather_lenslets(plan, kPatch, workspace);
   encode_lenslets(plan, frame, centroids, mean, workspace);
   judge_nodes(plan, workspace);
-  report(plan, circulation, workspace, vortices);
+  report_vortices(circulation, plan.options().min_probability, workspace.views, vortices);
 }
 
 }  // namespace curlew

@@ -13,6 +13,7 @@
 #include "detect/patch_layer.h"
 #include "detect/spot_features.h"
 #include "detect/vortex_scout.h"
+#include "detect/vortex_views.h"
 
 namespace curlew {
 
@@ -64,14 +65,6 @@ class ClassifierPlan {
   AlignedVector<std::int16_t> missing_rounded_;
 };
 
-/// A vortex, or an unresolved pair, seen from one node, before those seen twice are made one.
-struct NodeVortex {
-  Vortex vortex;
-  float precision = 0;  ///< 1 / mean variance of the position; negative once reported
-  std::int32_t row = 0;
-  std::int32_t col = 0;
-};
-
 /// Buffers of one frame, made once. Padded maps are one lenslet wider all round.
 struct ClassifierWorkspace {
   explicit ClassifierWorkspace(const ClassifierPlan& plan);
@@ -88,10 +81,7 @@ struct ClassifierWorkspace {
   AlignedVector<float> a;            ///< a chunk between layers
   AlignedVector<float> b;
   AlignedVector<float> exponentials;  ///< of what the head says of a chunk
-  FixedList<NodeVortex> seen;
-  FixedList<std::int32_t> likely;  ///< of those seen, likely enough to be reported
-  Image<std::int32_t> seen_at;  ///< [3·(rows − 1), cols − 1], by charge + 1: index in seen, or −1,
-                                ///< as between frames everywhere
+  VortexViews views;
 };
 
 /// Vortices of one frame, the surest first; `vortices` is cleared first. Never allocates.

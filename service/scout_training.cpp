@@ -78,7 +78,7 @@ void see_fields(std::vector<TrainingField>& fields, const ClassifierNetwork& net
     const int rows = classifier.rows() - 1;
     const int cols = classifier.cols() - 1;
     Image<std::array<float, 3>> probability(rows, cols);
-    for (const NodeVortex& seen : workspace.seen) {
+    for (const NodeVortex& seen : workspace.views.seen) {
       const int kind = seen.vortex.charge + 1;
       probability(seen.row, seen.col)[static_cast<std::size_t>(kind)] = seen.vortex.probability;
     }
