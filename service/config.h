@@ -8,8 +8,8 @@
 
 #include "acquisition/camera_options.h"
 #include "centroiding/centroid.h"
-#include "detect/vortex_finder.h"
 #include "detect/tracker_options.h"
+#include "detect/vortex_finder.h"
 #include "reconstruct/split.h"
 #include "service/realtime.h"
 #include "service/recorder.h"

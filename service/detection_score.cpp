@@ -76,8 +76,8 @@ FrameVerdicts judge_frame(std::vector<Candidate> candidates, std::span<const Gra
     }
     if (chosen < truth.size()) {
       taken[chosen] = true;
-      frame.verdicts.push_back({candidate.score, true, truth[chosen].isolated, nearest,
-                                static_cast<int>(chosen)});
+      frame.verdicts.push_back(
+          {candidate.score, true, truth[chosen].isolated, nearest, static_cast<int>(chosen)});
     } else if (!excused) {
       frame.verdicts.push_back({candidate.score, false, false, 0.0});
     }
