@@ -48,8 +48,8 @@ void measure_slopes(const SlopePlan& plan, const Centroids& centroids, SlopeFiel
 void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
                          SlopeField& slopes) noexcept;
 
-/// Of weak slopes those that measure_slopes gives, bit for bit: the maps are read once and not
-/// measured twice.
+/// Of weak slopes those that measure_slopes gives, bit for bit where lenslets are valid: the maps
+/// are read once and not measured twice.
 void leave_out_weak(const Centroids& centroids, const SlopeField& weak,
                     SlopeField& slopes) noexcept;
 

@@ -26,8 +26,9 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 void round_all(const float* from, int n, std::int16_t* to) {
   for (int i = 0; i < n; ++i) {
+    // In this order NaN, too, becomes the most.
     to[i] = static_cast<std::int16_t>(
-        std::min(from[i] * kCodeSteps + 0.5F, static_cast<float>(kMostCode)));
+        std::min(static_cast<float>(kMostCode), from[i] * kCodeSteps + 0.5F));
   }
 }
 

@@ -66,7 +66,7 @@ SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
   if (format.cols < kProjectionLanes) {
     throw Failure("a frame of " + std::to_string(format.cols) +
                   " columns is too narrow for the classifier, which reads " +
-                  std::to_string(kProjectionLanes) + " at once");
+                  std::to_string(kProjectionLanes) + " at once; take another detection method");
   }
   const double e_per_adu = noise_known_ ? camera.e_per_adu : 1.0;
   e_per_adu_ = static_cast<float>(e_per_adu);
@@ -81,7 +81,8 @@ SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
     for (std::size_t i = 0; i < gain_.size(); ++i) {
       const float dark = camera.dark_adu.empty() ? 0.0F : camera.dark_adu[i];
       const float response = camera.response.empty() ? 1.0F : camera.response[i];
-      const bool good = std::isfinite(dark) && std::isfinite(response) && response > 0.0F;
+      const bool good = std::isfinite(dark) && response > 0.0F && std::isfinite(response) &&
+                        std::isfinite(1.0F / response);
       if (!camera.dark_adu.empty() && good) dark_counts_[i] = counts(static_cast<double>(dark));
       gain_[i] = good ? 1.0F / response : 0.0F;
     }

@@ -121,6 +121,7 @@ void project_each(const ProjectedFrame& frame, const ProjectedWindow* windows,
   alignas(32) std::array<float, std::size_t{kProjectionOrders} * kProjectionLanes> sums;
   for (int i = 0; i < n; ++i, modes += stride) {
     const ProjectedWindow& window = windows[which[i]];
+    if (window.w == 0) sums.fill(0.0F);
     const float flux = flux_of(frame, window, project<Pixel>(frame, window, sums.data()));
     fluxes[i] = flux;
     const float even = frame.e_per_count / flux;

@@ -25,6 +25,8 @@ const ClassifierOptions& checked(const ClassifierOptions& options, const SpotCam
     throw UsageError("the least probability is " + std::to_string(options.min_probability) +
                      "; give a number between 0 and 1, such as 0.5");
   }
+  if (std::isnan(options.min_scout) || std::isnan(options.min_screen))
+    throw UsageError("what scout and screen ask for at least is not a number; give logits");
   if (camera.windows.rows() < 2 || camera.windows.cols() < 2) {
     throw Failure("the sensor has " + std::to_string(camera.windows.rows()) + "x" +
                   std::to_string(camera.windows.cols()) +

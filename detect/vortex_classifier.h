@@ -21,12 +21,12 @@ inline constexpr double kEveryNode = -1e29;
 
 struct ClassifierOptions {
   double min_probability = 0.5;  ///< less likely vortices are not reported; in (0, 1)
-  /// Nodes that the scout gives less, a logit, are not judged. Below kEveryNode every one is.
+  /// Nodes that the scout gives less, a logit, are not judged. Below kEveryNode it stops none.
   double min_scout = -2.0;
   /// Nor those that the screen gives less, likewise.
   double min_screen = -2.5;
   /// Sums in the order and to the precision of the training, and no screen; slower. Probabilities
-  /// differ by less than .01.
+  /// differ by less than .01, but where a spot's signal is not above 0 and its noise not known.
   bool as_trained = false;
 };
 

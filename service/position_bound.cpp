@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
-#include <limits>
 #include <numbers>
 
 #include "acquisition/lenslet_optics.h"
@@ -125,7 +124,7 @@ PixelInformation::PixelInformation(double read_noise_e) : variance_(read_noise_e
 }
 
 double PixelInformation::operator()(double mean_e) const {
-  if (products_.empty()) return 1.0 / std::max(mean_e, std::numeric_limits<double>::min());
+  if (products_.empty()) return 1.0 / std::max(mean_e, kFaintest);
   const double at = std::log(std::max(mean_e, kFaintest) / kFaintest) / kStep;
   if (at >= kSteps) return 1.0 / (mean_e + variance_);
   const auto below = static_cast<std::size_t>(at);

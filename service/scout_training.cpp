@@ -146,6 +146,15 @@ GateLessons screen_lessons(std::vector<TrainingField>& fields, const ClassifierN
 void train_gate(const char* name, const GateLessons& lessons, RandomStream random, int first,
                 int last, ClassifierNetwork& network,
                 const std::function<void(const std::string&)>& log) {
+  if (std::none_of(lessons.found.begin(), lessons.found.end(), [](float f) { return f > 0.0F; })) {
+    log(fmt::format("{}: no node with a vortex to learn from, so it stops none", name));
+    for (auto layer = static_cast<std::size_t>(first); layer < static_cast<std::size_t>(last);
+         ++layer) {
+      std::fill(network.layers[layer].weights.begin(), network.layers[layer].weights.end(), 0.0F);
+      std::fill(network.layers[layer].bias.begin(), network.layers[layer].bias.end(), 0.0F);
+    }
+    return;
+  }
   constexpr int kBatch = 1024;
   constexpr int kSteps = 3000;
   constexpr double kRate = 5e-3;
@@ -202,10 +211,8 @@ void train_scout(std::vector<TrainingField>& fields, std::uint64_t seed, Classif
 
 void train_screen(std::vector<TrainingField>& fields, std::uint64_t seed,
                   ClassifierNetwork& network, const std::function<void(const std::string&)>& log) {
-  const GateLessons lessons = screen_lessons(fields, network);
-  if (lessons.size() == 0) return;
-  train_gate("screen", lessons, RandomStream(seed, 3), ClassifierNetwork::kScoutEnd,
-             ClassifierNetwork::kLayers, network, log);
+  train_gate("screen", screen_lessons(fields, network), RandomStream(seed, 3),
+             ClassifierNetwork::kScoutEnd, ClassifierNetwork::kLayers, network, log);
 }
 
 }  // namespace curlew

@@ -310,6 +310,7 @@ TEST(VortexClassifier, RefusesWhatItCannotUse) {
   const Sensor sensor = sensor_of_test();
   SpotCamera camera = spot_camera(sensor);
   EXPECT_THROW(ClassifierPlan({.min_probability = 0.0}, camera, format_of_test()), UsageError);
+  EXPECT_THROW(ClassifierPlan({.min_screen = std::nan("")}, camera, format_of_test()), UsageError);
   camera.pixels_per_lambda_w = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW(ClassifierPlan({}, camera, format_of_test()), Failure);
   const std::array<float, 3> few{};
