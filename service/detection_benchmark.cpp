@@ -2,10 +2,10 @@
 
 #include <cstddef>
 #include <memory>
-#include <mutex>
 #include <utility>
 
 #include "service/bench_timing.h"
+#include "service/benchmark_fields.h"
 #include "service/detection_rows.h"
 #include "service/parallel.h"
 
@@ -13,28 +13,6 @@ namespace curlew {
 namespace {
 
 std::size_t size(int n) { return static_cast<std::size_t>(n); }
-
-/// The realisations of one subset, behind one turbulence.
-struct Fields {
-  Subset subset;
-  std::vector<Realisation> realisations;
-  std::vector<std::vector<GradedVortex>> truths;
-};
-
-Fields load_fields(const FieldParameters& parameters, Subset subset, int n, int threads,
-                   const RealisationCache& cache, const std::function<void()>& step) {
-  Fields fields{subset, std::vector<Realisation>(size(n)),
-                std::vector<std::vector<GradedVortex>>(size(n))};
-  std::mutex stepping;
-  for_each_in_parallel(n, threads, [&](int i, int) {
-    Realisation& realisation = fields.realisations[size(i)];
-    realisation = cache.read_or_simulate(parameters, realisation_seed(subset, i));
-    fields.truths[size(i)] = grade_vortices(realisation.vortices);
-    const std::scoped_lock lock(stepping);
-    step();
-  });
-  return fields;
-}
 
 /// What one detector makes of one subset, by frame.
 struct Judged {
@@ -45,7 +23,8 @@ struct Judged {
 
 /// measuring_us: [frames], overwritten.
 std::vector<Judged> judge(const MeasurementPlan& plan, const std::vector<DetectorRow>& rows,
-                          const Fields& fields, int threads, std::vector<double>& measuring_us) {
+                          const BenchmarkFields& fields, int threads,
+                          std::vector<double>& measuring_us) {
   const auto n = fields.realisations.size();
   std::vector<Judged> judged(rows.size(), Judged(n));
   measuring_us.resize(n);
@@ -67,8 +46,9 @@ std::vector<Judged> judge(const MeasurementPlan& plan, const std::vector<Detecto
   return judged;
 }
 
-DetectionCellResult run_cell(const MeasurementPlan& plan, const Fields& validation,
-                             const Fields& test, const DetectionBenchmarkOptions& options) {
+DetectionCellResult run_cell(const MeasurementPlan& plan, const BenchmarkFields& validation,
+                             const BenchmarkFields& test,
+                             const DetectionBenchmarkOptions& options) {
   const std::vector<DetectorRow> rows = make_detector_rows(plan, options.controlled_rates);
   std::vector<double> measuring_us;
   const auto chosen_on = judge(plan, rows, validation, options.threads, measuring_us);
@@ -101,9 +81,9 @@ std::vector<DetectionCellResult> run_detection_benchmark(const DetectionBenchmar
   for (const double rytov_variance : options.rytov_variances) {
     FieldParameters field = options.field;
     field.rytov_variance = rytov_variance;
-    const Fields validation = load_fields(
+    const BenchmarkFields validation = load_fields(
         field, Subset::kValidation, options.validation_realisations, options.threads, cache, step);
-    const Fields test =
+    const BenchmarkFields test =
         load_fields(field, Subset::kTest, options.test_realisations, options.threads, cache, step);
     for (const double photons : options.photons) {
       MeasurementOptions measurement = options.measurement;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "acquisition/field_vortices.h"
+#include "service/benchmark_fields.h"
 #include "service/bootstrap.h"
 #include "service/detection_rows.h"
 #include "service/parallel.h"
@@ -96,30 +97,8 @@ BoundedField bound_field(const PositionBenchmarkOptions& options, const FieldPar
   return result;
 }
 
-/// The realisations of a subset and their truth.
-struct Fields {
-  Subset subset;
-  std::vector<Realisation> realisations;
-  std::vector<std::vector<GradedVortex>> truths;
-};
-
-Fields read_fields(const FieldParameters& field, Subset subset, int n, int threads,
-                   const RealisationCache& cache, const std::function<void()>& step) {
-  Fields fields{subset, std::vector<Realisation>(size(n)),
-                std::vector<std::vector<GradedVortex>>(size(n))};
-  std::mutex stepping;
-  for_each_in_parallel(n, threads, [&](int i, int) {
-    Realisation& realisation = fields.realisations[size(i)];
-    realisation = cache.read_or_simulate(field, realisation_seed(subset, i));
-    fields.truths[size(i)] = grade_vortices(realisation.vortices);
-    const std::scoped_lock lock(stepping);
-    step();
-  });
-  return fields;
-}
-
 std::vector<FrameVerdicts> judge(const MeasurementPlan& plan, const DetectorRow& row,
-                                 const Fields& fields) {
+                                 const BenchmarkFields& fields) {
   const Interior interior{plan.parameters().rows, plan.parameters().cols};
   std::vector<FrameVerdicts> verdicts;
   MeasuredFrame frame(plan);
@@ -223,10 +202,10 @@ std::vector<PositionCellResult> run_position_benchmark(const PositionBenchmarkOp
     field.rytov_variance = rytov_variance;
     const FieldModes modes = learn_modes(options, field, step);
     const SpotDerivative spots(modes.samples, field.samples_per_lambda_w, field.window_px);
-    const Fields validation = read_fields(
+    const BenchmarkFields validation = load_fields(
         field, Subset::kValidation, options.validation_realisations, options.threads, cache, step);
-    const Fields test =
-        read_fields(field, Subset::kTest, options.test_realisations, options.threads, cache, step);
+    const BenchmarkFields test =
+        load_fields(field, Subset::kTest, options.test_realisations, options.threads, cache, step);
     std::vector<BoundedField> bounded(size(options.test_realisations));
     std::mutex stepping;
     for_each_in_parallel(options.test_realisations, options.threads, [&](int i, int) {
