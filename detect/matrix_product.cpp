@@ -10,6 +10,7 @@
 #include "hwy/foreach_target.h"
 // foreach_target.h comes first.
 
+#include "detect/row_tiles-inl.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -74,32 +75,11 @@ HWY_INLINE void multiply_tile(D d, StridedMatrix a, const float* HWY_RESTRICT b,
 template <int kVectors, class D>
 void multiply_columns(D d, StridedMatrix a, const float* b, const float* bias, int rows, int inner,
                       int columns, bool rectify, float* c) {
-  constexpr int kRows = 6;
-  int row = 0;
-  for (; row + kRows <= rows; row += kRows) {
-    multiply_tile<kRows, kVectors>(d, {a.data + row * a.row_step, a.row_step, a.column_step}, b,
-                                   bias, inner, columns, rectify,
-                                   c + static_cast<std::ptrdiff_t>(row) * columns);
-  }
-  const StridedMatrix rest{a.data + row * a.row_step, a.row_step, a.column_step};
-  float* to = c + static_cast<std::ptrdiff_t>(row) * columns;
-  const auto finish = [&](auto n) HWY_ATTR {
-    multiply_tile<decltype(n)::value, kVectors>(d, rest, b, bias, inner, columns, rectify, to);
-  };
-  switch (rows - row) {
-    case 5:
-      return finish(std::integral_constant<int, 5>());
-    case 4:
-      return finish(std::integral_constant<int, 4>());
-    case 3:
-      return finish(std::integral_constant<int, 3>());
-    case 2:
-      return finish(std::integral_constant<int, 2>());
-    case 1:
-      return finish(std::integral_constant<int, 1>());
-    default:
-      return;
-  }
+  in_row_tiles(rows, [&](auto n, int row) HWY_ATTR {
+    multiply_tile<decltype(n)::value, kVectors>(
+        d, {a.data + row * a.row_step, a.row_step, a.column_step}, b, bias, inner, columns, rectify,
+        c + static_cast<std::ptrdiff_t>(row) * columns);
+  });
 }
 
 void multiply_all(StridedMatrix a, const float* b, const float* bias, int rows, int inner,

@@ -5,7 +5,6 @@
 #include <cassert>
 #include <cmath>
 #include <cstring>
-#include <type_traits>
 
 #include "detect/classifier_network.h"
 #include "detect/matrix_product.h"
@@ -15,6 +14,7 @@
 #include "hwy/foreach_target.h"
 // foreach_target.h comes first.
 
+#include "detect/row_tiles-inl.h"
 #include "hwy/contrib/math/math-inl.h"
 #include "hwy/highway.h"
 
@@ -122,26 +122,10 @@ HWY_INLINE void multiply_tile(D d, const PatchLayer& layer, int output, const st
 template <class D>
 void multiply_outputs(D d, const PatchLayer& layer, int output, const std::int16_t* codes,
                       std::ptrdiff_t row_step, const std::int32_t* starts, int n, float* out) {
-  constexpr int kRows = 6;
-  for (; n >= kRows; n -= kRows, starts += kRows, out += std::ptrdiff_t{kRows} * layer.outputs)
-    multiply_tile<kRows>(d, layer, output, codes, row_step, starts, out);
-  const auto finish = [&](auto rows) HWY_ATTR {
-    multiply_tile<decltype(rows)::value>(d, layer, output, codes, row_step, starts, out);
-  };
-  switch (n) {
-    case 5:
-      return finish(std::integral_constant<int, 5>());
-    case 4:
-      return finish(std::integral_constant<int, 4>());
-    case 3:
-      return finish(std::integral_constant<int, 3>());
-    case 2:
-      return finish(std::integral_constant<int, 2>());
-    case 1:
-      return finish(std::integral_constant<int, 1>());
-    default:
-      return;
-  }
+  in_row_tiles(n, [&](auto rows, int first) HWY_ATTR {
+    multiply_tile<decltype(rows)::value>(d, layer, output, codes, row_step, starts + first,
+                                         out + std::ptrdiff_t{first} * layer.outputs);
+  });
 }
 
 void multiply_all(const PatchLayer& layer, const std::int16_t* codes, std::ptrdiff_t row_step,
