@@ -7,7 +7,6 @@
 #include <string>
 #include <vector>
 
-#include "acquisition/camera_options.h"
 #include "core/error.h"
 #include "core/frame.h"
 #include "core/frame_exchange.h"
@@ -94,23 +93,5 @@ class Streaming {
 
 /// Called once in every thread in which a camera takes frames, before the first: pinning, priority.
 using ThreadStart = std::function<void()>;
-
-/// Opens what options.source names. Failure where it is not there or refuses; UsageError for a
-/// source or a setting that makes no sense.
-std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadStart& thread_start);
-
-/// Whether the source is a device, which may be plugged in or switched on later, and not a file or
-/// the simulator.
-bool comes_and_goes(const CameraOptions& options);
-
-/// One attached device, for `curlew cameras`.
-struct CameraListing {
-  std::string source;       ///< what --camera takes
-  std::string description;  ///< vendor, model, serial number, address
-  std::string problem;      ///< why it cannot be opened and what to do; empty where it can
-};
-
-/// All that is attached, GenICam and plain USB.
-std::vector<CameraListing> list_cameras();
 
 }  // namespace curlew

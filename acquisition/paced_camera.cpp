@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "acquisition/fits_source.h"
-#include "acquisition/simulator.h"
+#include "acquisition/recording/fits_source.h"
+#include "acquisition/simulator/simulator.h"
 
 namespace curlew {
 namespace {

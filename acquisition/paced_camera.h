@@ -6,7 +6,7 @@
 
 #include "acquisition/camera.h"
 #include "acquisition/frame_source.h"
-#include "acquisition/simulator_options.h"
+#include "acquisition/simulator/simulator_options.h"
 
 namespace curlew {
 

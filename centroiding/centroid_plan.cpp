@@ -217,16 +217,16 @@ CentroidPlan::CentroidPlan(const Sensor& sensor, const FrameFormat& format,
     }
   }
   if (!is_centre_of_gravity(method)) {
-    constexpr double kLeastSigmaPx = 0.3;  // a narrower Gaussian falls between the pixels
+    constexpr double kMinSigmaPx = 0.3;  // a narrower Gaussian falls between the pixels
     spot_sigma_px = static_cast<float>(std::max(
         options.spot_sigma_px > 0.0 ? options.spot_sigma_px : default_spot_sigma_px(sensor),
-        kLeastSigmaPx));
+        kMinSigmaPx));
     reference_pull = static_cast<float>(options.reference_pull * read_noise);
-    int most_pixels = 0;
-    for (const Spot& spot : spots) most_pixels = std::max(most_pixels, spot.w * spot.h);
+    int max_pixels = 0;
+    for (const Spot& spot : spots) max_pixels = std::max(max_pixels, spot.w * spot.h);
     brightest_pixels = options.brightest_pixels > 0
                            ? options.brightest_pixels
-                           : std::clamp(most_pixels / 4, 1, kMaxBrightestPixels);
+                           : std::clamp(max_pixels / 4, 1, kMaxBrightestPixels);
     reference_x.resize(spots.size());
     reference_y.resize(spots.size());
     for (std::size_t k = 0; k < spots.size(); ++k) {

@@ -50,7 +50,7 @@ inline void find_most_likely(const CentroidPlan& plan, const Windows& windows,
   const V inverse_2s2 = set(0.5F / (s * s));
   const V width = load(group.width), height = load(group.height);
   const V half_x = load(group.half_x), half_y = load(group.half_y);
-  const V most_x = hn::Mul(width, set(0.5F)), most_y = hn::Mul(height, set(0.5F));
+  const V max_x = hn::Mul(width, set(0.5F)), max_y = hn::Mul(height, set(0.5F));
   V x = load(found.x), y = load(found.y);
   // Amplitude, so that g has height 1. Peaks from Σ I·g, which is half of 2π·s² of them.
   V amplitude = hn::Max(hn::Mul(load(found.signal), set(2.0F / (kSqrtTwoPi * kSqrtTwoPi * s * s))),
@@ -102,11 +102,11 @@ inline void find_most_likely(const CentroidPlan& plan, const Windows& windows,
       b[m] = hn::Div(b[m], a[m][m]);
     }
     const auto allowed = [&](V change) { return hn::IfThenElseZero(ok, change); };
-    constexpr float kLeastLeft = 0.2F;  // of the amplitude
-    amplitude = hn::Max(hn::Add(amplitude, allowed(b[0])), hn::Mul(amplitude, set(kLeastLeft)));
+    constexpr float kMinLeft = 0.2F;  // of the amplitude
+    amplitude = hn::Max(hn::Add(amplitude, allowed(b[0])), hn::Mul(amplitude, set(kMinLeft)));
     background = hn::Add(background, allowed(b[1]));
-    x = clamped(hn::Add(x, clamped(allowed(b[2]), set(s))), most_x);
-    y = clamped(hn::Add(y, clamped(allowed(b[3]), set(s))), most_y);
+    x = clamped(hn::Add(x, clamped(allowed(b[2]), set(s))), max_x);
+    y = clamped(hn::Add(y, clamped(allowed(b[3]), set(s))), max_y);
   }
   // The last block of the inverse is that of L⁻ᵀ·L⁻¹.
   const V inverse_xx = hn::Div(set(1.0F), a[2][2]);

@@ -125,10 +125,10 @@ void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slop
     const float variance_y = m21 * m21 * vx + 2.0F * m21 * m22 * c + m22 * m22 * vy;
     const float covariance = m11 * m21 * vx + (m11 * m22 + m12 * m21) * c + m12 * m22 * vy;
     // A little light tells no less than none.
-    const float most = plan.window_variance[k];
-    const bool lost = weak && std::max(variance_x, variance_y) > most;
-    slopes.variance_x[k] = dark + (lost ? std::min(variance_x, most) : variance_x);
-    slopes.variance_y[k] = dark + (lost ? std::min(variance_y, most) : variance_y);
+    const float maximum = plan.window_variance[k];
+    const bool lost = weak && std::max(variance_x, variance_y) > maximum;
+    slopes.variance_x[k] = dark + (lost ? std::min(variance_x, maximum) : variance_x);
+    slopes.variance_y[k] = dark + (lost ? std::min(variance_y, maximum) : variance_y);
     slopes.covariance_xy[k] = lost ? 0.0F : covariance;
     slopes.valid[k] = spot == Spot::kMissing ? 0 : 1;
     n_valid += spot == Spot::kMissing ? 0 : 1;

@@ -25,7 +25,7 @@ inline void find_weighted(const CentroidPlan& plan, const Windows& windows, floa
   const V width = load(group.width), height = load(group.height);
   const V half_x = load(group.half_x), half_y = load(group.half_y);
   const V reference_x = load(group.reference_x), reference_y = load(group.reference_y);
-  const V most_x = hn::Mul(width, set(0.5F)), most_y = hn::Mul(height, set(0.5F));
+  const V max_x = hn::Mul(width, set(0.5F)), max_y = hn::Mul(height, set(0.5F));
   const V c = set(pull);
   V x = hn::Mul(hn::Add(reference_x, load(group.start_x)), set(0.5F));
   V y = hn::Mul(hn::Add(reference_y, load(group.start_y)), set(0.5F));
@@ -48,8 +48,8 @@ inline void find_weighted(const CentroidPlan& plan, const Windows& windows, floa
     const V all = hn::Add(hn::Max(sum, hn::Zero(d)), c);
     x = hn::Add(x, ratio(hn::NegMulAdd(c, hn::Sub(x, reference_x), sum_x), all));
     y = hn::Add(y, ratio(hn::NegMulAdd(c, hn::Sub(y, reference_y), sum_y), all));
-    x = clamped(x, most_x);
-    y = clamped(y, most_y);
+    x = clamped(x, max_x);
+    y = clamped(y, max_y);
   }
   store(x, found.x);
   store(y, found.y);
@@ -90,10 +90,10 @@ inline void find_weighted(const CentroidPlan& plan, const Windows& windows, floa
   const V flux = hn::Add(sum, sum);
   const V widened = hn::Add(set(1.055F), ratio(hn::Mul(set(11.0F), windows.per_count), flux));
   // Never below what the read noise alone comes to: Σ k·I may be negative.
-  const V least = hn::Mul(windows.constant, set(0.39F * s2 * s2));  // half of σ²·π·s⁴/4
+  const V minimum = hn::Mul(windows.constant, set(0.39F * s2 * s2));  // half of σ²·π·s⁴/4
   const V wx = hn::Mul(rx, widened);
-  store(hn::Mul(hn::Mul(rx, wx), hn::Max(q_xx, least)), found.variance_x);
-  store(hn::Mul(hn::Mul(ry, hn::Mul(ry, widened)), hn::Max(q_yy, least)), found.variance_y);
+  store(hn::Mul(hn::Mul(rx, wx), hn::Max(q_xx, minimum)), found.variance_x);
+  store(hn::Mul(hn::Mul(ry, hn::Mul(ry, widened)), hn::Max(q_yy, minimum)), found.variance_y);
   store(hn::Mul(hn::Mul(wx, ry), q_xy), found.covariance);
   store(sum, found.signal);
   store(hn::Max(q, hn::Zero(d)), found.signal_variance);

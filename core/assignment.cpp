@@ -42,9 +42,9 @@ void Assignment::allow(std::size_t row, std::size_t col, float gain) noexcept {
     pairs[n++] = pair;
     return;
   }
-  Pair* least = std::min_element(pairs, pairs + pairs_per_row_,
-                                 [](const Pair& a, const Pair& b) { return a.gain < b.gain; });
-  if (least->gain < gain) *least = pair;
+  Pair* minimum = std::min_element(pairs, pairs + pairs_per_row_,
+                                   [](const Pair& a, const Pair& b) { return a.gain < b.gain; });
+  if (minimum->gain < gain) *minimum = pair;
 }
 
 void Assignment::solve() noexcept {
@@ -81,22 +81,22 @@ void Assignment::place(std::size_t first) noexcept {
   float end_cost = 0.0F;
   for (;;) {
     std::int32_t next = -1;
-    float least = kUnreached;
+    float minimum = kUnreached;
     for (std::size_t i = 0; i < n_reached; ++i) {
       const std::size_t col = index(reached_[i]);
-      if (settled_[col] == 0 && cost_[col] < least) {
-        least = cost_[col];
+      if (settled_[col] == 0 && cost_[col] < minimum) {
+        minimum = cost_[col];
         next = reached_[i];
       }
     }
-    if (next < 0 || least >= free_cost) {
+    if (next < 0 || minimum >= free_cost) {
       end_cost = free_cost;
       break;
     }
     const std::int32_t holder = row_of_col_[index(next)];
     if (holder < 0) {
       end = next;
-      end_cost = least;
+      end_cost = minimum;
       break;
     }
     settled_[index(next)] = 1;
@@ -106,7 +106,7 @@ void Assignment::place(std::size_t first) noexcept {
       const Pair& pair = pairs_[index(holder) * pairs_per_row_ + index(k)];
       if (pair.col == next) gain = pair.gain;
     }
-    const float so_far = least + gain + price_[index(next)];
+    const float so_far = minimum + gain + price_[index(next)];
     if (so_far < free_cost) {
       free_cost = so_far;
       freed = holder;

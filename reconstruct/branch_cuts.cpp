@@ -11,7 +11,7 @@ constexpr float kPi = 3.14159265358979F;
 constexpr std::int32_t kBuckets = 256;  // above the largest cost of an edge
 constexpr std::int32_t kFar = std::numeric_limits<std::int32_t>::max() / 4;
 // Cuts were as short with 64 where 250 residues had 40 possible partners each; 12 were too few.
-constexpr std::size_t kMostPartners = 128;
+constexpr std::size_t kMaxPartners = 128;
 constexpr std::int8_t kSource = 4;  // came_by: no side, the path begins here
 
 /// Sides of a cell: top, right, bottom, left. The way round the cell runs along its top edge to the
@@ -339,7 +339,7 @@ BranchCutWorkspace::BranchCutWorkspace(int rows, int cols, std::size_t capacity)
       contact(between.rows(), between.cols()),
       positive(capacity),
       negative(capacity),
-      assignment(capacity, capacity, std::min(capacity, kMostPartners)) {}
+      assignment(capacity, capacity, std::min(capacity, kMaxPartners)) {}
 
 void unwrap_with_cuts(const Image<float>& wrapped, const Image<float>& flux,
                       const Image<std::uint8_t>& valid, BranchCutWorkspace& workspace,

@@ -223,9 +223,9 @@ class Chooser {
 
 template <typename Of>
 std::size_t largest(const VortexChoicePlan& plan, Of of) {
-  std::size_t most = 0;
-  for (const ChoiceTile& tile : plan.tiles()) most = std::max(most, of(tile));
-  return most;
+  std::size_t maximum = 0;
+  for (const ChoiceTile& tile : plan.tiles()) maximum = std::max(maximum, of(tile));
+  return maximum;
 }
 
 }  // namespace

@@ -9,7 +9,7 @@
 
 #include "centroiding/centroid_methods.h"
 #include "core/error.h"
-#include "service/hash.h"
+#include "service/program/hash.h"
 #include "service/setting_words.h"
 #include "service/toml_settings.h"
 
@@ -34,23 +34,22 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("centroid", "reference_pull", centroid.reference_pull, kNotNegative);
   visit("centroid", "brightest_pixels", centroid.brightest_pixels, Range{0, kMaxBrightestPixels});
   auto& split = config.split;
-  visit("split", "hidden_phase", config.hidden_phase, kNotNegative);
+  visit("split", "hidden_phase", split.hidden_phase, kNotNegative);
   visit("split", "weighted", split.weighted, kNotNegative);
   visit("split", "tolerance", split.tolerance, Range{1e-7, 0.1});
   visit("split", "max_iterations", split.max_iterations, Range{1, 100000});
   auto& detect = config.detect;
-  auto& vortices = config.vortices;
-  visit("detect", "method", vortices.method, kNotNegative);
+  visit("detect", "method", detect.method, kNotNegative);
   visit("detect", "false_alarms_per_frame", detect.false_alarms_per_frame, Range{1e-12, 1e6});
   visit("detect", "min_circulation_rad", detect.min_circulation_rad, Range{1e-6, 100});
   visit("detect", "lobe_fraction", detect.lobe_fraction, Range{0.0, 0.99});
-  visit("detect", "min_probability", vortices.min_probability, Range{1e-6, 0.999999});
-  auto& tracker = config.tracker;
-  visit("track", "enabled", vortices.track, kNotNegative);
-  visit("track", "false_tracks_per_frame", tracker.false_tracks_per_frame, Range{1e-12, 1e3});
-  visit("track", "min_probability", tracker.min_probability, Range{1e-6, 1.0});
-  visit("track", "min_probability_single", tracker.min_probability_single, Range{1e-6, 1.0});
-  visit("track", "longest_gap_frames", tracker.longest_gap_frames, Range{2.0, 1e6});
+  visit("detect", "min_probability", detect.min_probability, Range{1e-6, 0.999999});
+  auto& track = config.track;
+  visit("track", "enabled", track.enabled, kNotNegative);
+  visit("track", "false_tracks_per_frame", track.false_tracks_per_frame, Range{1e-12, 1e3});
+  visit("track", "min_probability", track.min_probability, Range{1e-6, 1.0});
+  visit("track", "min_probability_single", track.min_probability_single, Range{1e-6, 1.0});
+  visit("track", "longest_gap_frames", track.longest_gap_frames, Range{2.0, 1e6});
   auto& pipeline = config.pipeline;
   visit("pipeline", "threads", pipeline.threads, kNotNegative);
   visit("pipeline", "slots", pipeline.slots, Range{2, 4096});

@@ -8,11 +8,11 @@
 
 #include "acquisition/camera_options.h"
 #include "centroiding/centroid.h"
-#include "detect/tracker_options.h"
-#include "detect/vortex_finder.h"
+#include "detect/circulation_finder.h"
+#include "detect/tracking/tracker_options.h"
 #include "reconstruct/split.h"
-#include "service/realtime.h"
-#include "service/recorder.h"
+#include "service/realtime/realtime.h"
+#include "service/recorder/recorder.h"
 
 namespace curlew {
 
@@ -21,6 +21,7 @@ enum class Threading {
   kPerStage,  ///< one thread a stage, a queue between
 };
 
+/// [pipeline]
 struct PipelineOptions {
   Threading threads = Threading::kInline;
   /// Frames that can be under way at once.
@@ -41,15 +42,24 @@ enum class DetectMethod {
   kClassifier,   ///< a trained network looks at the spots
 };
 
-/// Which of a detector's candidates are vortices.
-struct VortexOptions {
+/// [detect]: how vortices are found, and which candidates are reported as vortices.
+struct DetectSettings : CirculationOptions {
   DetectMethod method = DetectMethod::kCirculation;
-  /// Of whitened and classifier: less likely ones are not reported.
+  /// The methods whitened and classifier do not report vortices that are less likely than this.
   double min_probability = 0.5;
-  bool track = false;  ///< follow them from frame to frame, and believe what lasts
 };
 
-/// What only the daemon, `curlew run`, needs.
+/// [track]
+struct TrackSettings : TrackerOptions {
+  bool enabled = false;  ///< follow vortices from frame to frame, and believe what lasts
+};
+
+/// [split]
+struct SplitSettings : SplitOptions {
+  bool hidden_phase = false;  ///< make the whole phase: least squares and what the vortices add
+};
+
+/// [daemon]: what only `curlew run` needs.
 struct DaemonOptions {
   std::string sensor;              ///< sensor file made by `curlew calibrate`
   std::string jsonl;               ///< one JSON object a frame; empty: none
@@ -57,16 +67,15 @@ struct DaemonOptions {
   std::string log_level = "info";  ///< debug, info, warning or error
 };
 
+/// One member for each section of the TOML file, under the section's name.
 struct Config {
   CentroidOptions centroid;
-  SplitOptions split;
-  DetectOptions detect;
-  VortexOptions vortices;
-  TrackerOptions tracker;
-  bool hidden_phase = false;  ///< make the whole phase: least squares and what the vortices add
+  SplitSettings split;
+  DetectSettings detect;
+  TrackSettings track;
   PipelineOptions pipeline;
   DaemonOptions daemon;
-  CameraOptions camera;
+  CameraOptions camera;  ///< [camera], and [usb] in camera.usb
   RealtimeOptions realtime;
   RecorderOptions recorder;
 };

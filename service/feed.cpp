@@ -2,7 +2,7 @@
 
 #include <thread>
 
-#include "service/interrupt.h"
+#include "service/program/interrupt.h"
 
 namespace curlew {
 

@@ -5,9 +5,9 @@
 #include <string>
 
 #include "core/error.h"
-#include "service/commands.h"
-#include "service/interrupt.h"
-#include "service/version.h"
+#include "service/commands/commands.h"
+#include "service/program/interrupt.h"
+#include "service/program/version.h"
 
 namespace {
 

@@ -16,7 +16,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Queue = SlotQueue<FrameSlot>;
 
-constexpr std::int64_t kMostSets = 1024;  // of a pipeline: a new one a reload
+constexpr std::int64_t kMaxSets = 1024;  // of a pipeline: a new one a reload
 
 }  // namespace
 
@@ -37,7 +37,7 @@ Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
                    PipelineThreadStart thread_start, std::int64_t earlier)
     : options_(std::move(options)),
       thread_start_(std::move(thread_start)),
-      sets_made_(earlier * kMostSets) {
+      sets_made_(earlier * kMaxSets) {
   if (!thread_start_) thread_start_ = [](const std::string&, std::size_t) {};
   sets_.push_back(make_slots(std::move(plan)));
   current_ = sets_.back().get();
@@ -46,8 +46,8 @@ Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
 std::unique_ptr<Pipeline::SlotSet> Pipeline::make_slots(std::shared_ptr<const Plan> plan) {
   constexpr int kTracksOfASet = 40;  // bits: track numbers are never given again
   auto set = std::make_unique<SlotSet>();
-  if (plan->detect.options().track) {
-    set->tracker = std::make_unique<VortexTracker>(plan->tracker, plan->grid.rows, plan->grid.cols,
+  if (plan->tracker) {
+    set->tracker = std::make_unique<VortexTracker>(*plan->tracker, plan->grid.rows, plan->grid.cols,
                                                    plan->detect.candidate_capacity());
     set->tracker->number_from(sets_made_ << kTracksOfASet);
   }

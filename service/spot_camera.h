@@ -2,7 +2,7 @@
 #pragma once
 
 #include "centroiding/sensor.h"
-#include "detect/spot_features.h"
+#include "detect/classifier/spot_features.h"
 
 namespace curlew {
 

@@ -61,18 +61,19 @@ const std::array<Stage, kStageCount> kStages = {{
 
 Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config)
     : grid(sensor.grid),
-      tracker(config.tracker),
       centroid(sensor, format, config.centroid),
       slopes(sensor),
       detect(sensor, format, config),
       split(sensor.valid, config.split) {
   // Its tables go with the square of this; what is more is not judged, and the surest come first.
-  constexpr std::size_t kMostJudged = 1024;
-  if (config.hidden_phase)
+  constexpr std::size_t kMaxJudged = 1024;
+  if (config.split.hidden_phase)
     hidden_phase.emplace(split, HiddenPhaseOptions{},
-                         std::min(detect.candidate_capacity(), kMostJudged));
-  // Here, where a plan is made, and not where it is taken up.
-  if (config.vortices.track) check_tracker_options(tracker);
+                         std::min(detect.candidate_capacity(), kMaxJudged));
+  if (!config.track.enabled) return;
+  // The options are checked where a plan is made: where it is taken up it is too late to refuse.
+  check_tracker_options(config.track);
+  tracker = config.track;
 }
 
 FrameSlot::FrameSlot(const Plan& plan_of_slot, VortexTracker* frames_tracker)

@@ -12,7 +12,7 @@
 #include "core/hodge_split.h"
 #include "core/slope_field.h"
 #include "core/vortex.h"
-#include "detect/vortex_tracker.h"
+#include "detect/tracking/vortex_tracker.h"
 #include "reconstruct/hidden_phase.h"
 #include "reconstruct/split.h"
 #include "service/config.h"
@@ -27,7 +27,7 @@ struct Plan {
   Plan& operator=(const Plan&) = delete;
 
   LensletGrid grid;
-  TrackerOptions tracker;
+  std::optional<TrackerOptions> tracker;  ///< none: every frame stands alone
   CentroidPlan centroid;
   SlopePlan slopes;
   VortexDetectionPlan detect;

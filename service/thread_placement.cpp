@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "service/realtime.h"
+#include "service/realtime/realtime.h"
 
 namespace curlew {
 

@@ -17,44 +17,43 @@ constexpr double kCandidateProbability = 0.02;
 
 /// The network knows spots along the detector's axes, as it was taught.
 void check_rotation(const Sensor& sensor) {
-  constexpr double kMostRotation_deg = 5.0;
-  if (std::abs(sensor.grid.rotation_deg()) <= kMostRotation_deg) return;
+  constexpr double kMaxRotation_deg = 5.0;
+  if (std::abs(sensor.grid.rotation_deg()) <= kMaxRotation_deg) return;
   throw UsageError(fmt::format(
       "the lenslets are turned by {:.1f} degrees against the detector, and the classifier knows "
       "up to {}; turn the camera, or take another method in [detect]",
-      sensor.grid.rotation_deg(), kMostRotation_deg));
+      sensor.grid.rotation_deg(), kMaxRotation_deg));
 }
 
 /// It was taught sharp spots, and takes blurred ones for vortices.
 void check_sharpness(const Sensor& sensor, double pixels_per_lambda_w) {
-  constexpr double kMostBlur = 0.3;  // of λ/w
+  constexpr double kMaxBlur = 0.3;  // of λ/w
   const double blur = sensor.spot_blur_px / pixels_per_lambda_w;
-  if (!(blur > kMostBlur)) return;
+  if (!(blur > kMaxBlur)) return;
   throw UsageError(fmt::format(
       "the reference spots are blurred: by a Gaussian of {:.2f} lambda/w rms beyond diffraction, "
       "and the classifier knows up to {}; take the method whitened in [detect], or check the "
       "optics given to 'curlew calibrate'",
-      blur, kMostBlur));
+      blur, kMaxBlur));
 }
 
 }  // namespace
 
 VortexDetectionPlan::VortexDetectionPlan(const Sensor& sensor, const FrameFormat& format,
                                          const Config& config)
-    : options_(config.vortices),
+    : min_probability_(config.detect.min_probability),
       candidate_capacity_(std::min(4 * config.pipeline.max_vortices, 2 * sensor.valid.size())),
       circulation_(config.detect, sensor.valid,
                    std::min(config.pipeline.max_vortices, sensor.valid.size())) {
-  const bool unlikely_too = options_.track || config.hidden_phase;
-  const double min_probability = unlikely_too
-                                     ? std::min(kCandidateProbability, options_.min_probability)
-                                     : options_.min_probability;
-  if (options_.method == DetectMethod::kClassifier) {
+  const bool unlikely_too = config.track.enabled || config.split.hidden_phase;
+  const double min_probability =
+      unlikely_too ? std::min(kCandidateProbability, min_probability_) : min_probability_;
+  if (config.detect.method == DetectMethod::kClassifier) {
     const SpotCamera camera = spot_camera(sensor);
     check_rotation(sensor);
     check_sharpness(sensor, camera.pixels_per_lambda_w);
     classifier_.emplace(ClassifierOptions{.min_probability = min_probability}, camera, format);
-  } else if (options_.method == DetectMethod::kWhitened) {
+  } else if (config.detect.method == DetectMethod::kWhitened) {
     WhitenedOptions whitened;
     whitened.false_alarms_per_frame = config.detect.false_alarms_per_frame;
     whitened.min_probability = min_probability;
@@ -72,23 +71,23 @@ void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const C
                        CirculationMap& circulation, VortexList& candidates) noexcept {
   circulate(slopes, circulation);
   if (plan.classifier() && workspace.classifier) {
-    classify_vortices(*plan.classifier(), frame, centroids, circulation, *workspace.classifier,
-                      candidates);
+    find_classified_vortices(*plan.classifier(), frame, centroids, circulation,
+                             *workspace.classifier, candidates);
   } else if (plan.whitened() && workspace.whitened) {
     find_whitened_vortices(*plan.whitened(), slopes, centroids.flux_adu, circulation,
                            *workspace.whitened, candidates);
   } else {
-    find_vortices(plan.circulation(), circulation, candidates);
+    find_circulation_vortices(plan.circulation(), circulation, candidates);
   }
 }
 
 void choose_probable(const VortexDetectionPlan& plan, const VortexList& candidates,
                      VortexList& vortices) noexcept {
-  const auto least = static_cast<float>(plan.options().min_probability);
+  const auto minimum = static_cast<float>(plan.min_probability());
   vortices.clear();
   vortices.add_overflow(candidates.overflow());
   for (const Vortex& candidate : candidates)
-    if (candidate.probability == kUnknownProbability || candidate.probability >= least)
+    if (candidate.probability == kUnknownProbability || candidate.probability >= minimum)
       vortices.push(candidate);
 }
 

@@ -9,9 +9,9 @@
 #include "core/frame.h"
 #include "core/slope_field.h"
 #include "core/vortex.h"
-#include "detect/vortex_classifier.h"
-#include "detect/vortex_finder.h"
-#include "detect/whitened_finder.h"
+#include "detect/circulation_finder.h"
+#include "detect/classifier/vortex_classifier.h"
+#include "detect/whitened/whitened_finder.h"
 #include "service/config.h"
 
 namespace curlew {
@@ -23,8 +23,9 @@ class VortexDetectionPlan {
   /// sensor.
   VortexDetectionPlan(const Sensor& sensor, const FrameFormat& format, const Config& config);
 
-  const VortexOptions& options() const { return options_; }
-  const DetectPlan& circulation() const { return circulation_; }
+  /// Candidates that are less likely than this are not reported as vortices.
+  double min_probability() const { return min_probability_; }
+  const CirculationPlan& circulation() const { return circulation_; }
   const std::optional<WhitenedPlan>& whitened() const { return whitened_; }
   const std::optional<ClassifierPlan>& classifier() const { return classifier_; }
   /// The most vortices a frame can have, and the most candidates: tracks and the hidden phase want
@@ -33,9 +34,9 @@ class VortexDetectionPlan {
   std::size_t candidate_capacity() const { return candidate_capacity_; }
 
  private:
-  VortexOptions options_;
+  double min_probability_;
   std::size_t candidate_capacity_;
-  DetectPlan circulation_;
+  CirculationPlan circulation_;
   std::optional<WhitenedPlan> whitened_;
   std::optional<ClassifierPlan> classifier_;
 };

@@ -10,7 +10,7 @@
 
 #include "centroiding/centroid.h"
 #include "centroiding/slopes.h"
-#include "service/bench_frames.h"
+#include "service/bench/bench_frames.h"
 
 namespace {
 

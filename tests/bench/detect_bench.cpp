@@ -9,7 +9,7 @@
 #include "core/slope_field.h"
 #include "core/vortex.h"
 #include "detect/circulation.h"
-#include "detect/vortex_finder.h"
+#include "detect/circulation_finder.h"
 #include "detect/vortex_kernel.h"
 
 namespace {
@@ -56,7 +56,7 @@ void bench(int size, int n_vortices) {
     }
   }
 
-  const curlew::DetectPlan plan({}, slopes.valid, 1024);
+  const curlew::CirculationPlan plan({}, slopes.valid, 1024);
   curlew::CirculationMap map(size, size);
   curlew::VortexList vortices(plan.capacity());
   curlew::LatencyHistogram circulation;
@@ -66,7 +66,7 @@ void bench(int size, int n_vortices) {
     const auto start = Clock::now();
     curlew::circulate(slopes, map);
     const auto circulated = Clock::now();
-    curlew::find_vortices(plan, map, vortices);
+    curlew::find_circulation_vortices(plan, map, vortices);
     const auto found = Clock::now();
     circulation.record(ns_between(start, circulated));
     finding.record(ns_between(circulated, found));

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "centroiding/centroid.h"
-#include "service/bench_frames.h"
+#include "service/bench/bench_frames.h"
 
 namespace curlew {
 namespace {
@@ -46,7 +46,7 @@ TEST(CentroidAccuracy, TheOtherMethodsOnTheSameFrames) {
   // Gaussian is as wide as the spots. Bounds: what was measured, and a sixth.
   struct Case {
     CentroidMethod method;
-    double most_px[3];
+    double max_px[3];
   };
   const Case cases[] = {{CentroidMethod::kWeighted, {0.0021, 0.0020, 0.0022}},
                         {CentroidMethod::kCorrelation, {0.0019, 0.0020, 0.0019}},
@@ -83,7 +83,7 @@ TEST(CentroidAccuracy, TheOtherMethodsOnTheSameFrames) {
       const double rms = std::sqrt((moved - both * gain) / (2.0 * c.n_valid)) / gain;
       RecordProperty(std::string(name_of(wanted.method)) + "_" + std::to_string(which.window_px),
                      std::to_string(rms) + " gain " + std::to_string(gain));
-      EXPECT_LE(rms, wanted.most_px[i]);
+      EXPECT_LE(rms, wanted.max_px[i]);
     }
   }
 }

@@ -10,7 +10,7 @@
 
 #include "centroiding/centroid.h"
 #include "core/error.h"
-#include "service/bench_frames.h"
+#include "service/bench/bench_frames.h"
 #include "tests/centroiding/centroid_reference.h"
 
 namespace curlew {

@@ -13,12 +13,12 @@
 #include <string>
 #include <utility>
 
-#include "acquisition/simulator.h"
-#include "centroiding/calibrate.h"
+#include "acquisition/simulator/simulator.h"
+#include "centroiding/calibration/calibrate.h"
 #include "centroiding/slopes.h"
 #include "core/error.h"
-#include "service/bench_frames.h"
-#include "service/reference_spots.h"
+#include "service/bench/bench_frames.h"
+#include "service/sensor/reference_spots.h"
 
 namespace curlew {
 namespace {
@@ -110,14 +110,14 @@ TEST_P(Methods, ItFollowsASpot) {
   const Centroids c = scene.find();
   // Steps that do not run to their end leave an eighth of the half to which the start is wrong:
   // .94; coarse pixels and the pixels that go uncounted bend the brightest pixels' response.
-  const double least = is(CentroidMethod::kBrightestPixels) ? 0.75 : 0.9;
-  const double most = is(CentroidMethod::kBrightestPixels) ? 1.3 : 1.02;
+  const double minimum = is(CentroidMethod::kBrightestPixels) ? 0.75 : 0.9;
+  const double maximum = is(CentroidMethod::kBrightestPixels) ? 1.3 : 1.02;
   for (int k = 0; k < 8; ++k) {
     SCOPED_TRACE(kShifts[k]);
-    EXPECT_GT(scene.dx(c, 0, k) / kShifts[k], least);
-    EXPECT_LT(scene.dx(c, 0, k) / kShifts[k], most);
-    EXPECT_GT(scene.dy(c, 0, k) / (-0.5 * kShifts[k]), least);
-    EXPECT_LT(scene.dy(c, 0, k) / (-0.5 * kShifts[k]), most);
+    EXPECT_GT(scene.dx(c, 0, k) / kShifts[k], minimum);
+    EXPECT_LT(scene.dx(c, 0, k) / kShifts[k], maximum);
+    EXPECT_GT(scene.dy(c, 0, k) / (-0.5 * kShifts[k]), minimum);
+    EXPECT_LT(scene.dy(c, 0, k) / (-0.5 * kShifts[k]), maximum);
   }
 }
 

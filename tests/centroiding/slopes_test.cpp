@@ -8,7 +8,7 @@
 #include <numbers>
 
 #include "core/error.h"
-#include "service/bench_frames.h"
+#include "service/bench/bench_frames.h"
 
 namespace curlew {
 namespace {

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "acquisition/random_stream.h"
+#include "acquisition/simulator/random_stream.h"
 
 namespace curlew {
 namespace {

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "detect/circulation.h"
-#include "detect/vortex_finder.h"
+#include "detect/circulation_finder.h"
 #include "tests/detect/vortex_slopes.h"
 
 namespace curlew {
@@ -78,9 +78,9 @@ double realised_rate(const Pupil& pupil, double rate, int frames, unsigned seed)
       if (radius > pupil.outer || radius < pupil.inner) testing::remove_lenslet(slopes, r, c);
     }
   }
-  DetectOptions options;
+  CirculationOptions options;
   options.false_alarms_per_frame = rate;
-  const DetectPlan plan(options, slopes.valid, 64);
+  const CirculationPlan plan(options, slopes.valid, 64);
   CirculationMap map(n, n);
   VortexList vortices(plan.capacity());
   std::mt19937 random(seed);
@@ -101,7 +101,7 @@ double realised_rate(const Pupil& pupil, double rate, int frames, unsigned seed)
       slopes.covariance_xy[k] = rho * sx * sy;
     }
     circulate(slopes, map);
-    find_vortices(plan, map, vortices);
+    find_circulation_vortices(plan, map, vortices);
     alarms += static_cast<double>(vortices.size()) + vortices.overflow();
   }
   return alarms / frames;

@@ -214,15 +214,15 @@ TEST(VortexKernel, DiagonalValueMinimumAndZero) {
   EXPECT_NEAR(low, 0.82215773, kHalf8);
 
   // The minimum over the plane: a grid finds its basin, golden sections along u = 1 its place.
-  double least = 0.0;
+  double minimum = 0.0;
   double at_t = 0.0;
   double at_u = 0.0;
   for (int i = 0; i <= 120; ++i) {
     for (int j = 0; j <= i; ++j) {  // u ≥ t: the rest follows by symmetry
       const double t = 0.025 * j;
       const double u = 0.025 * i;
-      if (kernel.circulation(t, u) < least) {
-        least = kernel.circulation(t, u);
+      if (kernel.circulation(t, u) < minimum) {
+        minimum = kernel.circulation(t, u);
         at_t = t;
         at_u = u;
       }
@@ -263,8 +263,8 @@ double cell_sum(const VortexKernel& kernel, double t, double u, int half) {
 
 TEST(VortexKernel, SumsOverAllPositions) {
   const VortexKernel kernel;
-  std::array<double, 4> least{1e9, 1e9, 1e9, 1e9};
-  std::array<double, 4> most{};
+  std::array<double, 4> minimum{1e9, 1e9, 1e9, 1e9};
+  std::array<double, 4> maximum{};
   constexpr int kSteps = 64;
   for (int i = 0; i <= kSteps; ++i) {
     for (int j = 0; j <= kSteps; ++j) {
@@ -277,19 +277,19 @@ TEST(VortexKernel, SumsOverAllPositions) {
       const std::array<double, 4> sums{kernel.circulation(t, u), four, cell_sum(kernel, t, u, 1),
                                        cell_sum(kernel, t, u, 2)};
       for (std::size_t k = 0; k < 4; ++k) {
-        least[k] = std::min(least[k], sums[k]);
-        most[k] = std::max(most[k], sums[k]);
+        minimum[k] = std::min(minimum[k], sums[k]);
+        maximum[k] = std::max(maximum[k], sums[k]);
       }
     }
   }
-  EXPECT_NEAR(least[0], 1.487, kHalf3);
-  EXPECT_NEAR(most[0], 4.528, kHalf3);
-  EXPECT_NEAR(least[1], 5.728, kHalf3);
-  EXPECT_NEAR(most[1], 5.978, kHalf3);
-  EXPECT_NEAR(least[2], 6.1249, kHalf4);
-  EXPECT_NEAR(most[2], 6.1371, kHalf4);
-  EXPECT_NEAR(least[3], 6.2294, kHalf4);
-  EXPECT_NEAR(most[3], 6.2299, kHalf4);
+  EXPECT_NEAR(minimum[0], 1.487, kHalf3);
+  EXPECT_NEAR(maximum[0], 4.528, kHalf3);
+  EXPECT_NEAR(minimum[1], 5.728, kHalf3);
+  EXPECT_NEAR(maximum[1], 5.978, kHalf3);
+  EXPECT_NEAR(minimum[2], 6.1249, kHalf4);
+  EXPECT_NEAR(maximum[2], 6.1371, kHalf4);
+  EXPECT_NEAR(minimum[3], 6.2294, kHalf4);
+  EXPECT_NEAR(maximum[3], 6.2299, kHalf4);
 
   double mean = 0.0;  // midpoint rule
   for (int i = 0; i < kSteps; ++i) {

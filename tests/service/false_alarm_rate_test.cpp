@@ -5,10 +5,10 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "acquisition/simulator.h"
+#include "acquisition/simulator/simulator.h"
 #include "detect/circulation.h"
 #include "service/stages.h"
-#include "tests/support/simulated_sensor.h"
+#include "tests/support/exact_sensor.h"
 
 namespace curlew {
 namespace {
@@ -45,9 +45,9 @@ TEST_P(FalseAlarmRate, IsTheStatedOne) {
   Simulator simulator(options);
   const Sensor sensor = sensor_of(simulator, window_px, options.bias_adu);
   const Plan plan(sensor, simulator.format(), {});
-  std::vector<DetectPlan> detectors;
+  std::vector<CirculationPlan> detectors;
   for (const double rate : kRates) {
-    DetectOptions detect;
+    CirculationOptions detect;
     detect.false_alarms_per_frame = rate;
     detectors.emplace_back(detect, sensor.valid, 64);
   }
@@ -62,7 +62,7 @@ TEST_P(FalseAlarmRate, IsTheStatedOne) {
     circulate(slot.slopes, slot.circulation);
     lenslets += slot.slopes.n_valid;
     for (std::size_t i = 0; i < detectors.size(); ++i) {
-      find_vortices(detectors[i], slot.circulation, slot.vortices);
+      find_circulation_vortices(detectors[i], slot.circulation, slot.vortices);
       alarms[i] += static_cast<std::int64_t>(slot.vortices.size());
     }
   }

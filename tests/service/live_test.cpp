@@ -7,10 +7,10 @@
 #include <thread>
 
 #include "acquisition/paced_camera.h"
-#include "acquisition/simulator.h"
+#include "acquisition/simulator/simulator.h"
 #include "service/live_feed.h"
 #include "service/pipeline.h"
-#include "tests/support/simulated_sensor.h"
+#include "tests/support/exact_sensor.h"
 
 namespace curlew {
 namespace {

@@ -5,12 +5,12 @@
 #include <tuple>
 
 #include "acquisition/paced_camera.h"
-#include "acquisition/simulator.h"
+#include "acquisition/simulator/simulator.h"
+#include "service/daemon/live_statistics.h"
 #include "service/live_feed.h"
-#include "service/live_statistics.h"
 #include "service/pipeline.h"
 #include "tests/support/allocation_counter.h"
-#include "tests/support/simulated_sensor.h"
+#include "tests/support/exact_sensor.h"
 
 namespace curlew {
 namespace {
@@ -74,8 +74,8 @@ class NoAllocationModes
     Config config;
     config.split.weighted = weighted;
     config.pipeline.threads = threads;
-    config.vortices.method = method;
-    config.vortices.track = config.hidden_phase = method != DetectMethod::kCirculation;
+    config.detect.method = method;
+    config.track.enabled = config.split.hidden_phase = method != DetectMethod::kCirculation;
     return config;
   }
 };

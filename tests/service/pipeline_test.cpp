@@ -7,8 +7,8 @@
 #include <stdexcept>
 #include <thread>
 
-#include "acquisition/simulator.h"
-#include "tests/support/simulated_sensor.h"
+#include "acquisition/simulator/simulator.h"
+#include "tests/support/exact_sensor.h"
 
 namespace curlew {
 namespace {
@@ -64,8 +64,8 @@ Collected run(Threading threads, std::size_t slots, DetectMethod method) {
   const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
   Config config;
   config.split.weighted = true;
-  config.vortices.method = method;
-  config.vortices.track = config.hidden_phase = method != DetectMethod::kCirculation;
+  config.detect.method = method;
+  config.track.enabled = config.split.hidden_phase = method != DetectMethod::kCirculation;
   config.pipeline.threads = threads;
   config.pipeline.slots = slots;
   Pipeline pipeline(std::make_shared<const Plan>(sensor, simulator.format(), config),

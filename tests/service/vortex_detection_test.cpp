@@ -5,12 +5,12 @@
 
 #include <set>
 
-#include "acquisition/simulator.h"
+#include "acquisition/simulator/simulator.h"
 #include "core/error.h"
-#include "service/detection_dataset.h"
-#include "service/detection_score.h"
+#include "service/bench/detection_dataset.h"
+#include "service/bench/detection_score.h"
 #include "service/pipeline.h"
-#include "tests/support/simulated_sensor.h"
+#include "tests/support/exact_sensor.h"
 
 namespace curlew {
 namespace {
@@ -37,7 +37,7 @@ Counts count(DetectMethod method) {
   Simulator simulator(turbulence(1000.0, 6));
   const Sensor sensor = sensor_of(simulator, 6, 100.0);
   Config config;
-  config.vortices.method = method;
+  config.detect.method = method;
   Pipeline pipeline(std::make_shared<const Plan>(sensor, simulator.format(), config),
                     config.pipeline);
   RecordedFeed feed(simulator, {});
@@ -91,8 +91,8 @@ TEST(VortexDetection, TracksKeepTheirNumbersFromFrameToFrame) {
   options.scene.velocity_x = 0.03;  // pitches a frame
   Simulator simulator(options);
   Config config;
-  config.vortices.method = DetectMethod::kClassifier;
-  config.vortices.track = true;
+  config.detect.method = DetectMethod::kClassifier;
+  config.track.enabled = true;
   Pipeline pipeline(
       std::make_shared<const Plan>(sensor_of(simulator, 8, 100.0), simulator.format(), config),
       config.pipeline);
@@ -125,7 +125,7 @@ TEST(VortexDetection, WithoutVorticesTheWholePhaseIsTheLeastSquaresPhase) {
   options.scene.zernikes = {{4, 1.0}};
   Simulator simulator(options);
   Config config;
-  config.hidden_phase = true;
+  config.split.hidden_phase = true;
   Pipeline pipeline(std::make_shared<const Plan>(sensor_of(simulator, options.window_px, 100.0),
                                                  simulator.format(), config),
                     config.pipeline);
@@ -153,7 +153,7 @@ std::string refusal(const Sensor& sensor, const FrameFormat& format, const Confi
 TEST(VortexDetection, WhatTheClassifierWasNotTaughtIsRefused) {
   Simulator simulator(turbulence(1000.0, 1));
   Config config;
-  config.vortices.method = DetectMethod::kClassifier;
+  config.detect.method = DetectMethod::kClassifier;
   Sensor turned = sensor_of(simulator, 6, 100.0);
   turned.grid.p21 = 0.2 * turned.grid.p11;
   EXPECT_NE(refusal(turned, simulator.format(), config).find("turned by 11.3 degrees"),
@@ -162,7 +162,7 @@ TEST(VortexDetection, WhatTheClassifierWasNotTaughtIsRefused) {
   blurred.spot_blur_px = 1.0;  // of 2 px per λ/w
   EXPECT_NE(refusal(blurred, simulator.format(), config).find("spots are blurred"),
             std::string::npos);
-  config.vortices.method = DetectMethod::kWhitened;
+  config.detect.method = DetectMethod::kWhitened;
   EXPECT_EQ(refusal(blurred, simulator.format(), config), "");
 }
 

@@ -1,11 +1,11 @@
 // The three exact values of a vortex on a node, through the real stages.
 #include <gtest/gtest.h>
 
-#include "acquisition/simulator.h"
+#include "acquisition/simulator/simulator.h"
 #include "detect/circulation.h"
 #include "service/stages.h"
 #include "tests/support/analytic_slopes.h"
-#include "tests/support/simulated_sensor.h"
+#include "tests/support/exact_sensor.h"
 
 namespace curlew {
 namespace {
@@ -30,9 +30,9 @@ Seen split_and_find(const SlopeField& slopes) {
   solenoidal.y = split.solenoidal_y;
   CirculationMap map(slopes.rows(), slopes.cols());
   circulate(solenoidal, map);
-  const DetectPlan detect({}, slopes.valid, 16);
+  const CirculationPlan detect({}, slopes.valid, 16);
   VortexList list(16);
-  find_vortices(detect, map, list);
+  find_circulation_vortices(detect, map, list);
   Seen seen;
   seen.vortices = list.size();
   if (!list.empty()) seen.vortex = list[0];

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "acquisition/aravis_pixels.h"
+#include "acquisition/aravis/aravis_pixels.h"
 
 namespace curlew {
 

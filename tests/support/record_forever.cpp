@@ -9,7 +9,7 @@
 #include <string>
 #include <thread>
 
-#include "service/recorder.h"
+#include "service/recorder/recorder.h"
 #include "tests/support/numbered_frames.h"
 
 int main(int argc, char** argv) try {

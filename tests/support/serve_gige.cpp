@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "acquisition/fits_source.h"
+#include "acquisition/recording/fits_source.h"
 #include "tests/support/fake_gige_camera.h"
 
 namespace {

@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <random>
 
-#include "service/control_socket.h"
+#include "service/daemon/control_socket.h"
 #include "tests/support/fake_gige_camera.h"
 #include "tests/support/loopback.h"
 #include "tests/support/process.h"

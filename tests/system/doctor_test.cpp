@@ -6,8 +6,8 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "service/machine_check.h"
-#include "service/wakeup_jitter.h"
+#include "service/doctor/machine_check.h"
+#include "service/doctor/wakeup_jitter.h"
 #include "tests/support/ordinary_user.h"
 #include "tests/support/program.h"
 

@@ -4,7 +4,7 @@
 #include <cstring>
 #include <filesystem>
 
-#include "acquisition/fits_file.h"
+#include "acquisition/fits/fits_file.h"
 #include "tests/support/program.h"
 
 namespace curlew {

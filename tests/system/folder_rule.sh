@@ -1,15 +1,17 @@
 #!/usr/bin/env bash
-# The folder rule: core ← acquisition, centroiding, reconstruct, detect ← service ← tests, and the
-# outside libraries that have one place each.
+# The folder rule: core ← acquisition, centroiding, reconstruct, detect ← service ← tests, the rooms
+# inside them, and the outside libraries that have one place each. It looks at the checkout it lies
+# in, or at the folder it is given.
 set -euo pipefail
-cd "$(dirname "$0")/../.."
+cd "${1:-$(dirname "$0")/../..}"
 bad=0
-report() { # report <what> <lines>
+report() { # report <rule> <lines that break it>
   [ -z "$2" ] && return
   printf 'folder rule: %s\n%s\n' "$1" "$2"
   bad=1
 }
 includes() { grep -rnE "#include [\"<]($1)" "${@:2}" --include='*.h' --include='*.cpp' || true; }
+stages=(acquisition centroiding reconstruct detect service)
 
 for folder in core acquisition centroiding reconstruct detect; do
   report "$folder/ includes core/ and itself only" \
@@ -17,20 +19,28 @@ for folder in core acquisition centroiding reconstruct detect; do
       grep -vE "#include \"(core|$folder)/" || true)"
 done
 report 'service/ does not include tests/' "$(includes 'tests/' service)"
-stages=(acquisition centroiding reconstruct detect service)
+report 'only training/ and commands/ include bench/' \
+  "$(includes 'service/bench/' service | grep -vE '^service/(bench|training|commands)/' || true)"
+report 'only commands/ includes training/' \
+  "$(includes 'service/training/' service | grep -vE '^service/(training|commands)/' || true)"
+report 'nothing but main.cpp includes commands/' \
+  "$(includes 'service/commands/' service | grep -vE '^service/(commands/|main\.cpp:)' || true)"
 report 'core/ includes std, Eigen and the queue only' \
   "$(includes '(fitsio|spdlog|CLI|toml|nlohmann|hwy|libusb|arv|kiss)' core)"
-report 'moodycamel in core/slot_queue.h only' \
+report 'the moodycamel queue in core/slot_queue.h only' \
   "$(includes 'concurrentqueue' core "${stages[@]}" | grep -v '^core/slot_queue.h:' || true)"
-report 'cfitsio in acquisition/fits_*.cpp and fits_handle.h only' \
-  "$(includes 'fitsio' core "${stages[@]}" |
-    grep -vE '^acquisition/fits_([a-z]+\.cpp|handle\.h):' || true)"
-report 'Aravis in acquisition/aravis_*.cpp and aravis_handle.h only' \
-  "$(includes 'arv\.h' core "${stages[@]}" |
-    grep -vE '^acquisition/aravis_([a-z_]+\.cpp|handle\.h):' || true)"
-report 'libusb in acquisition/usb_*.cpp and usb_handle.h only' \
-  "$(includes 'libusb' core "${stages[@]}" |
-    grep -vE '^acquisition/usb_([a-z_]+\.cpp|handle\.h):' || true)"
-report 'spdlog in service/ and acquisition/*.cpp only' \
-  "$(includes 'spdlog' core "${stages[@]}" | grep -vE '^(service/|acquisition/[a-z_]+\.cpp:)' || true)"
+# A library has one room, and in its headers only the handle that the room's own files share.
+library() { # library <name> <header> <room>
+  report "$1 in acquisition/$3/ only, and there in *.cpp and ${3}_handle.h" \
+    "$(includes "$2" core "${stages[@]}" |
+      grep -vE "^acquisition/$3/([a-z_]+\.cpp|$3_handle\.h):" || true)"
+}
+library cfitsio 'fitsio' fits
+library Aravis 'arv\.h' aravis
+library libusb 'libusb' usb
+report 'spdlog in service/ and acquisition/**.cpp only' \
+  "$(includes 'spdlog' core "${stages[@]}" |
+    grep -vE '^(service/|acquisition/[a-z_/]+\.cpp:)' || true)"
+report 'no two files have one name' \
+  "$(find core "${stages[@]}" tests -name '*.h' -o -name '*.cpp' | sed 's|.*/||' | sort | uniq -d)"
 exit $bad

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "acquisition/fits_file.h"
+#include "acquisition/fits/fits_file.h"
 #include "tests/support/program.h"
 
 namespace curlew {

@@ -6,9 +6,9 @@
 #include <filesystem>
 #include <random>
 
-#include "acquisition/fits_file.h"
-#include "acquisition/mean_image.h"
-#include "service/sensor_file.h"
+#include "acquisition/fits/fits_file.h"
+#include "acquisition/recording/mean_image.h"
+#include "service/sensor/sensor_file.h"
 #include "tests/support/program.h"
 
 namespace curlew {

@@ -1,0 +1,111 @@
+// FitsFile: header keys.
+#include <fitsio.h>
+
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "acquisition/fits/fits_file.h"
+#include "acquisition/fits/fits_handle.h"
+
+namespace curlew {
+namespace {
+
+fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
+
+std::string printable_ascii(std::string text) {
+  for (char& c : text) {
+    if (c < ' ' || c > '~') c = '?';
+  }
+  return text;
+}
+
+// The shortest of 15 and 17 digits that reads back as the same number.
+std::string key_text(double value) {
+  std::array<char, 40> digits{};
+  for (const int precision : {15, 17}) {
+    const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), value,
+                                   std::chars_format::general, precision);
+    double back = 0.0;
+    std::from_chars(digits.data(), end.ptr, back);
+    if (back == value || precision == 17) {
+      std::string text(digits.data(), end.ptr);
+      for (char& c : text) {
+        if (c == 'e') c = 'E';
+      }
+      // A number without point or exponent would be read as an integer by others.
+      if (text.find_first_of(".E") == std::string::npos) text += '.';
+      return text;
+    }
+  }
+  return {};
+}
+
+bool is_absent(int status) {
+  if (status != KEY_NO_EXIST && status != VALUE_UNDEFINED) return false;
+  fits_clear_errmsg();
+  return true;
+}
+
+}  // namespace
+
+std::optional<double> FitsFile::key_double(const std::string& name) {
+  int status = 0;
+  double value = 0.0;
+  fits_read_key(cfits(handle_->file), TDOUBLE, name.c_str(), &value, nullptr, &status);
+  if (is_absent(status)) return std::nullopt;
+  handle_->check(status, "read the key " + name + " as a number");
+  return value;
+}
+
+std::optional<std::int64_t> FitsFile::key_int(const std::string& name) {
+  int status = 0;
+  LONGLONG value = 0;
+  fits_read_key(cfits(handle_->file), TLONGLONG, name.c_str(), &value, nullptr, &status);
+  if (is_absent(status)) return std::nullopt;
+  handle_->check(status, "read the key " + name + " as an integer");
+  return value;
+}
+
+std::optional<std::string> FitsFile::key_string(const std::string& name) {
+  int status = 0;
+  char* value = nullptr;
+  fits_read_key_longstr(cfits(handle_->file), name.c_str(), &value, nullptr, &status);
+  if (is_absent(status)) return std::nullopt;
+  handle_->check(status, "read the key " + name + " as a string");
+  std::string text = value == nullptr ? "" : value;
+  fits_free_memory(value, &status);
+  return text;
+}
+
+void FitsFile::write_key(const std::string& name, const KeyValue& value, const std::string& comment,
+                         const std::string& unit) {
+  int status = 0;
+  fitsfile* file = cfits(handle_->file);
+  const std::string note = printable_ascii(unit.empty() ? comment : "[" + unit + "] " + comment);
+  if (const auto* flag = std::get_if<bool>(&value)) {
+    fits_update_key_log(file, name.c_str(), *flag ? 1 : 0, note.c_str(), &status);
+  } else if (const auto* integer = std::get_if<std::int64_t>(&value)) {
+    fits_update_key_lng(file, name.c_str(), *integer, note.c_str(), &status);
+  } else if (const auto* text = std::get_if<std::string>(&value)) {
+    fits_update_key_longstr(file, name.c_str(), printable_ascii(*text).c_str(), note.c_str(),
+                            &status);
+  } else if (const double real = std::get<double>(value); !std::isfinite(real)) {
+    fits_update_key_null(file, name.c_str(), note.c_str(), &status);
+  } else {
+    std::string record = name;
+    record.resize(8, ' ');
+    std::string number = key_text(real);
+    if (number.size() < 20) number.insert(0, 20 - number.size(), ' ');
+    record += "= " + number + " / " + note;
+    record.resize(80, ' ');
+    fits_update_card(file, name.c_str(), record.c_str(), &status);
+  }
+  handle_->check(status, "write the key " + name);
+}
+
+}  // namespace curlew

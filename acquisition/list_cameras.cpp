@@ -1,0 +1,19 @@
+#include "acquisition/list_cameras.h"
+
+#include <utility>
+
+#include "acquisition/aravis/aravis_camera.h"
+#include "acquisition/usb/usb_devices.h"
+
+namespace curlew {
+
+std::vector<CameraListing> list_cameras() {
+  std::vector<CameraListing> listings = list_aravis_cameras();
+  // Aravis lists the USB3 Vision devices that this user may open, and only those.
+  for (CameraListing& listing : list_usb_cameras())
+    if (listing.source.rfind("usb:", 0) == 0 || !listing.problem.empty())
+      listings.push_back(std::move(listing));
+  return listings;
+}
+
+}  // namespace curlew

@@ -1,0 +1,19 @@
+// Opens the camera that a word of the command line or the configuration names.
+#pragma once
+
+#include <memory>
+
+#include "acquisition/camera.h"
+#include "acquisition/camera_options.h"
+
+namespace curlew {
+
+/// Opens what options.source names. Failure where it is not there or refuses; UsageError for a
+/// source or a setting that makes no sense.
+std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadStart& thread_start);
+
+/// Whether the source is a device, which may be plugged in or switched on later, and not a file or
+/// the simulator.
+bool comes_and_goes(const CameraOptions& options);
+
+}  // namespace curlew

@@ -1,0 +1,40 @@
+// FitsCube: the first image of anybody's FITS file, as a stack of frames.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "acquisition/fits/fits_file.h"
+#include "core/frame.h"
+#include "core/optics.h"
+
+namespace curlew {
+
+/// The first image HDU that has pixels (primary or extension, tile-compressed or not), 2-D or 3-D;
+/// further axes of length 1 do not count. Left selected in `file`.
+struct FitsCube {
+  /// Failure: whatever FitsFile::open and FitsFile::image refuse, no image, no frame in it, one
+  /// or more than three dimensions, frames larger than an int counts.
+  static FitsCube open(const std::string& path);
+
+  FitsFile file;
+  int hdu = 0;
+  ElementType element = ElementType::kU8;
+  bool has_undefined = false;  ///< see ImageInfo
+  std::int64_t frames = 0;
+  FrameFormat region{};  ///< rows, cols, offset and binning are set, pixel type and map are not
+  Optics optics{};       ///< from the primary header, overridden by the image's
+  Detector detector{};
+
+  std::int64_t frame_pixels() const { return std::int64_t{region.rows} * region.cols; }
+  /// "64 x 48 pixels of 16-bit integer": rows, columns and type, for messages.
+  std::string description() const;
+  /// Reads one frame of region.pixels() physical values. T as in FitsFile::read_pixels.
+  template <typename T>
+  void read_frame(std::int64_t frame, std::span<T> into) {
+    file.read_pixels(frame * frame_pixels(), into);
+  }
+};
+
+}  // namespace curlew

@@ -1,0 +1,186 @@
+#include "acquisition/recording/growing_recording.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <bit>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <system_error>
+
+#include "acquisition/fits/partial_path.h"
+#include "core/error.h"
+
+namespace curlew {
+namespace {
+
+constexpr std::int64_t kBlock = 2880;  // bytes; every part of a FITS file is so many times this
+constexpr std::int64_t kCard = 80;     // bytes
+// FITS demands NAXIS3 as the sixth card of a cube's header, NAXIS1 as the fourth of an extension's.
+constexpr std::int64_t kNaxis3At = 5 * kCard;
+constexpr std::int64_t kNaxis1At = 3 * kCard;
+// A hole in the file, which takes no space on the disk.
+constexpr std::int64_t kMinSpare = std::int64_t{64} << 20;
+
+constexpr std::int64_t whole_blocks(std::int64_t bytes) {
+  return (bytes + kBlock - 1) / kBlock * kBlock;
+}
+
+std::int64_t size(const std::vector<std::byte>& bytes) {
+  return static_cast<std::int64_t>(bytes.size());
+}
+
+std::size_t index(std::int64_t bytes) { return static_cast<std::size_t>(bytes); }
+
+std::span<const std::byte> as_bytes(const std::string& text) {
+  return std::as_bytes(std::span(text.data(), text.size()));
+}
+
+}  // namespace
+
+GrowingRecording::GrowingRecording(const std::string& path, const FrameFormat& format,
+                                   const Optics& optics, const Detector& detector,
+                                   const std::string& program)
+    : path_(path), format_(format), model_(FitsFile::create_in_memory(path)) {
+  create_recording_image(model_, format, optics, detector, program, 0);
+  head_bytes_ = static_cast<std::int64_t>(model_.memory().size());
+  create_frame_table(model_);
+  model_.create_image(ElementType::kU8, {0}, "UNFINISHED");
+  encoded_.resize(format.bytes());
+
+  std::error_code ignored;
+  if (std::filesystem::exists(path_, ignored)) fail(EEXIST);
+  partial_ = partial_path(path_);
+  file_ = open(partial_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  if (file_ < 0) fail(errno);
+  committed_end_ = pending_end_ = head_bytes_;
+  lay_out_tail();
+  tail_end_ = head_bytes_ + size(tail_);
+  try {
+    write(model_.memory().first(index(head_bytes_)), 0);
+    write(tail_, head_bytes_);
+    resize(tail_end_ + spare_bytes_);
+  } catch (const Failure&) {  // no destructor will run
+    close(file_);
+    unlink(partial_.c_str());
+    throw;
+  }
+}
+
+GrowingRecording::~GrowingRecording() {
+  // UNFINISHED's header is the tail's last block.
+  const std::int64_t end = tail_is_whole_ ? tail_end_ - kBlock : whole_blocks(committed_end_);
+  // Where it fails the file is as a killed process leaves it: readable.
+  [[maybe_unused]] const int result = ftruncate(file_, end);
+  close(file_);
+  if (!partial_.empty()) unlink(partial_.c_str());
+}
+
+std::int64_t GrowingRecording::bytes() const {
+  const std::int64_t tail = tail_end_ - whole_blocks(committed_end_);
+  return whole_blocks(pending_end_) + tail +
+         whole_blocks(kFrameRowBytes * static_cast<std::int64_t>(pending_.size()));
+}
+
+void GrowingRecording::append(const FrameView& frame, const FrameHeader& header) {
+  require_format(path_, format_, frame);
+  encode(frame);
+  const std::span<const std::byte> bytes = encoded_;
+  // What belongs where the tail is has to wait.
+  const std::int64_t tail_left = std::max<std::int64_t>(0, tail_end_ - pending_end_);
+  const std::size_t hold = std::min(bytes.size(), index(tail_left));
+  held_.insert(held_.end(), bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(hold));
+  write(bytes.subspan(hold), pending_end_ + static_cast<std::int64_t>(hold));
+  pending_end_ += static_cast<std::int64_t>(bytes.size());
+  pending_.add(header);
+  // Half of the space is left for the next frame and the tail.
+  if (pending_end_ > tail_end_ + spare_bytes_ / 2) commit();
+}
+
+// Big-endian; 16 bits as signed with BZERO 32768.
+void GrowingRecording::encode(const FrameView& frame) {
+  if (format_.pixel_type == PixelType::kU8) {
+    std::memcpy(encoded_.data(), frame.pixels, encoded_.size());
+    return;
+  }
+  const auto* from = frame.data<std::uint16_t>();
+  auto* into = reinterpret_cast<std::uint16_t*>(encoded_.data());
+  const std::size_t n = format_.pixels();
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::uint32_t stored = from[k] ^ 0x8000U;
+    into[k] = static_cast<std::uint16_t>(
+        std::endian::native == std::endian::little ? stored << 8U | stored >> 8U : stored);
+  }
+}
+
+// What follows the pending frames: zeros to the next block, the table with their rows, UNFINISHED.
+void GrowingRecording::lay_out_tail() {
+  model_.select("FRAMES");
+  write_frame_rows(model_, committed_, pending_);
+  const std::span<const std::byte> model = model_.memory().subspan(index(head_bytes_));
+  tail_.assign(index(whole_blocks(pending_end_) - pending_end_), std::byte{0});
+  tail_.insert(tail_.end(), model.begin(), model.end());
+  spare_bytes_ = whole_blocks(std::max({kMinSpare, 4 * size(encoded_), 4 * size(tail_)}));
+  const std::string card = FitsFile::card("NAXIS1", spare_bytes_, "frames being written");
+  std::memcpy(tail_.data() + tail_.size() - kBlock + kNaxis1At, card.data(), card.size());
+}
+
+void GrowingRecording::commit() {
+  if (pending_.size() == 0) return;
+  lay_out_tail();
+  const std::int64_t new_tail_end = pending_end_ + size(tail_);
+  // What of the new tail lies where the old one is, where frames are few, waits as well.
+  const std::size_t hold =
+      std::min(tail_.size(), index(std::max<std::int64_t>(0, tail_end_ - pending_end_)));
+  held_.insert(held_.end(), tail_.begin(), tail_.begin() + static_cast<std::ptrdiff_t>(hold));
+  write(std::span(tail_).subspan(hold), pending_end_ + static_cast<std::int64_t>(hold));
+  resize(new_tail_end + spare_bytes_);
+
+  tail_is_whole_ = false;
+  write(held_, committed_end_);
+  write(as_bytes(FitsFile::card("NAXIS3", frames(), "length of data axis 3")), kNaxis3At);
+  tail_is_whole_ = true;
+  if (!partial_.empty()) publish();
+
+  committed_ = frames();
+  committed_end_ = pending_end_;
+  tail_end_ = new_tail_end;
+  pending_.clear();
+  held_.clear();
+}
+
+void GrowingRecording::publish() {
+  int error = renameat2(AT_FDCWD, partial_.c_str(), AT_FDCWD, path_.c_str(), RENAME_NOREPLACE) == 0
+                  ? 0
+                  : errno;
+  std::error_code ignored;
+  // Some network file systems know only the plain rename.
+  if (error == EINVAL && !std::filesystem::exists(path_, ignored)) {
+    error = std::rename(partial_.c_str(), path_.c_str()) == 0 ? 0 : errno;
+  }
+  if (error != 0) fail(error);
+  partial_.clear();
+}
+
+void GrowingRecording::write(std::span<const std::byte> bytes, std::int64_t offset) {
+  while (!bytes.empty()) {
+    const ssize_t n = pwrite(file_, bytes.data(), bytes.size(), offset);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) fail(n < 0 ? errno : ENOSPC);
+    bytes = bytes.subspan(static_cast<std::size_t>(n));
+    offset += n;
+  }
+}
+
+void GrowingRecording::resize(std::int64_t bytes) {
+  if (ftruncate(file_, bytes) != 0) fail(errno);
+}
+
+void GrowingRecording::fail(int error) const {
+  throw Failure(path_ + " cannot be written: " + std::generic_category().message(error));
+}
+
+}  // namespace curlew

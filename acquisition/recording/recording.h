@@ -1,0 +1,64 @@
+// RecordingWriter: frames and their headers into a FITS file; the truth beside them.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "acquisition/fits/fits_file.h"
+#include "acquisition/recording/recording_hdus.h"
+#include "acquisition/recording/truth_vortex.h"
+#include "core/frame.h"
+#include "core/optics.h"
+
+namespace curlew {
+
+/// Writes the Recording format of DESIGN.md: the cube as primary image, 8 bits or 16 with BZERO
+/// 32768, then the table FRAMES and, for simulated frames, TRUTH. The file appears under its
+/// name by commit() and not before. All errors are Failure naming the file. Keeps 28 bytes a
+/// frame in memory.
+class RecordingWriter {
+ public:
+  /// format: counts must be ADU (scale 1, zero 0), others are refused. program: name and version,
+  /// for the key CREATOR.
+  RecordingWriter(const std::string& path, const FrameFormat& format, const Optics& optics,
+                  const Detector& detector, const std::string& program);
+
+  /// The same, tile-compressed without loss (Rice): an empty primary, the cube in the first
+  /// extension. Exactly `frames` frames must be appended.
+  static RecordingWriter compressed(const std::string& path, const FrameFormat& format,
+                                    const Optics& optics, const Detector& detector,
+                                    const std::string& program, std::int64_t frames);
+
+  /// Appends one frame of the format's size and type.
+  void append(const FrameView& frame, const FrameHeader& header);
+
+  std::int64_t frames() const { return static_cast<std::int64_t>(headers_.size()); }
+
+  /// What commit() shall write as table TRUTH. An empty list makes an empty table.
+  void write_truth(std::span<const TruthVortex> truth);
+
+  /// Completes the file. Failure where no frame was appended, where not all were that a compressed
+  /// file is for, or where the disk is full; then nothing is left.
+  void commit();
+
+ private:
+  RecordingWriter(FitsFile file, const FrameFormat& format, std::int64_t compressed_frames)
+      : file_(std::move(file)), format_(format), compressed_frames_(compressed_frames) {}
+
+  FitsFile file_;
+  FrameFormat format_;
+  std::int64_t compressed_frames_ = 0;  ///< 0: not compressed
+  FrameColumns headers_;
+  std::vector<TruthVortex> truth_;
+  bool has_truth_ = false;
+};
+
+/// The table TRUTH of a recording, in file order; nullopt where it has none: only simulated ones
+/// do.
+std::optional<std::vector<TruthVortex>> read_truth(const std::string& path);
+
+}  // namespace curlew

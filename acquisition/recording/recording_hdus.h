@@ -1,0 +1,46 @@
+// The HDUs of a recording, as all its writers make them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "acquisition/fits/fits_file.h"
+#include "core/frame.h"
+#include "core/optics.h"
+
+namespace curlew {
+
+enum class Compression { kNone, kRice };
+
+/// Makes the cube of `frames` frames, all zero, with its keys. Failure for counts that are not ADU
+/// (scale 1, zero 0). program: name and version, for the key CREATOR.
+void create_recording_image(FitsFile& file, const FrameFormat& format, const Optics& optics,
+                            const Detector& detector, const std::string& program,
+                            std::int64_t frames, Compression compression = Compression::kNone);
+
+/// Failure naming the recording unless the frame is of the format's size and type.
+void require_format(const std::string& path, const FrameFormat& format, const FrameView& frame);
+
+/// Frame headers as the columns of the table FRAMES.
+struct FrameColumns {
+  std::vector<std::int64_t> sequence;
+  std::vector<std::int64_t> camera_ns;
+  std::vector<std::int64_t> received_ns;
+  std::vector<std::int32_t> status;
+
+  std::size_t size() const { return sequence.size(); }
+  void add(const FrameHeader& header);
+  void clear();
+};
+
+inline constexpr std::int64_t kFrameRowBytes = 28;  ///< of a row of FRAMES
+
+/// Appends the table, empty, and selects it.
+void create_frame_table(FitsFile& file);
+
+/// Writes from row `first_row` of the selected table on.
+void write_frame_rows(FitsFile& file, std::int64_t first_row, const FrameColumns& rows);
+
+}  // namespace curlew

@@ -1,0 +1,191 @@
+#include "centroiding/calibration/window_gain.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <numbers>
+
+namespace curlew {
+namespace {
+
+/// A lenslet's spot for the model, as bright as it was measured.
+SpotView view_of(const SpotModel& model, const Window& window, const WindowMeasurement& m,
+                 const SignalThreshold& threshold) {
+  SpotView view{.window = window,
+                .x_px = m.x_px,
+                .y_px = m.y_px,
+                .threshold_adu = threshold.min_adu,
+                .threshold_relative = threshold.relative};
+  view.total_adu = model.total_for_flux(view, m.flux_adu);
+  return view;
+}
+
+/// The blur that gives the model the spread of the typical spot; 0 where diffraction alone spreads
+/// as much.
+double fit_blur(const Sensor& sensor, const std::vector<WindowMeasurement>& measured,
+                double diffraction_px, const SignalThreshold& threshold) {
+  std::vector<std::size_t> lit;
+  for (std::size_t k = 0; k < measured.size(); ++k) {
+    if (sensor.valid[k] != 0) lit.push_back(k);
+  }
+  if (lit.empty()) return 0.0;
+  const auto median = lit.begin() + static_cast<std::ptrdiff_t>(lit.size() / 2);
+  std::nth_element(lit.begin(), median, lit.end(), [&](std::size_t a, std::size_t b) {
+    return measured[a].spread_px2 < measured[b].spread_px2;
+  });
+  const Window& window = sensor.window[*median];
+  const WindowMeasurement& typical = measured[*median];
+  const auto is_too_narrow = [&](double blur_px) {
+    const SpotModel model(diffraction_px, blur_px);
+    return model.moments(view_of(model, window, typical, threshold)).spread_px2 <
+           typical.spread_px2;
+  };
+  constexpr int kHalvings = 16;
+  double low = 0.0;
+  double high = 0.5 * std::max(window.w, window.h);
+  if (!is_too_narrow(low)) return low;
+  for (int i = 0; i < kHalvings; ++i) {
+    const double middle = 0.5 * (low + high);
+    (is_too_narrow(middle) ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
+}
+
+/// The gain of the kernel on the modelled spot: without noise, with the spot moved to four sides,
+/// one window beside the other.
+WindowGain gain_of_kernel(const Sensor& sensor, CentroidOptions options, const SpotModel& model,
+                          const SpotView& view) {
+  constexpr double kShiftPx = 0.25;
+  constexpr double kPeakCounts = 60000.0;
+  constexpr int kMoves = 4;
+  constexpr std::array<std::array<double, 2>, kMoves> kShifts = {
+      {{kShiftPx, 0.0}, {-kShiftPx, 0.0}, {0.0, kShiftPx}, {0.0, -kShiftPx}}};
+  const Window& window = view.window;
+  Sensor row;
+  row.optics = sensor.optics;
+  row.detector = sensor.detector;
+  row.detector.saturation_adu = kUnknown;
+  row.frame_rows = window.h;
+  row.frame_cols = std::max(kMoves * window.w, 4);
+  row.method = options.method;
+  row.valid = Image<std::uint8_t>(1, kMoves, 1);
+  row.window = Image<Window>(1, kMoves);
+  row.ref_x_px = row.ref_y_px = Image<float>(1, kMoves);
+  Image<float> light(row.frame_rows, row.frame_cols);
+  for (int i = 0; i < kMoves; ++i) {
+    row.window(0, i) = {i * window.w, 0, window.w, window.h};
+    row.ref_x_px(0, i) = static_cast<float>(i * window.w + view.x_px - window.x0);
+    row.ref_y_px(0, i) = static_cast<float>(view.y_px - window.y0);
+    const auto& shift = kShifts[static_cast<std::size_t>(i)];
+    SpotView moved = view;
+    moved.x_px += shift[0];
+    moved.y_px += shift[1];
+    const Image<float> picture = model.picture(moved);
+    for (int r = 0; r < window.h; ++r) {
+      for (int c = 0; c < window.w; ++c) light(r, i * window.w + c) = picture(r, c);
+    }
+  }
+  const auto peak = static_cast<double>(*std::max_element(light.begin(), light.end()));
+  FrameFormat format;
+  format.rows = row.frame_rows;
+  format.cols = row.frame_cols;
+  format.scale_adu = peak > 0.0 ? peak / kPeakCounts : 1.0;
+  Image<std::uint16_t> counts(format.rows, format.cols);
+  for (std::size_t i = 0; i < counts.size(); ++i) {
+    counts[i] = static_cast<std::uint16_t>(
+        std::lround(std::max(static_cast<double>(light[i]) / format.scale_adu, 0.0)));
+  }
+  options.min_snr = 0.0;
+  options.edge_fraction = 0.0;
+  Centroids centroids(1, kMoves);
+  find_centroids(CentroidPlan(row, format, options),
+                 {reinterpret_cast<const std::byte*>(counts.data()), format.rows, format.cols,
+                  PixelType::kU16},
+                 centroids);
+  if (centroids.n_valid < kMoves) return {};
+  const auto apart = [](float a, float b) { return static_cast<double>(a - b); };
+  return {(apart(centroids.x_px[0], centroids.x_px[1]) + window.w) / (2.0 * kShiftPx),
+          apart(centroids.y_px[2], centroids.y_px[3]) / (2.0 * kShiftPx)};
+}
+
+}  // namespace
+
+WindowMeasurement measure_window(const Image<float>& light, const Image<std::uint8_t>& bad,
+                                 const Window& window, const SignalThreshold& threshold,
+                                 double noise_adu) {
+  constexpr double kMaxSigma = 0.1;
+  const int x1 = window.x0 + window.w - 1;
+  const int y1 = window.y0 + window.h - 1;
+  const auto for_each_pixel = [&](auto visit) {
+    for (int r = window.y0; r <= y1; ++r) {
+      for (int c = window.x0; c <= x1; ++c) {
+        if (bad.empty() || bad(r, c) == 0) visit(r, c, static_cast<double>(light(r, c)));
+      }
+    }
+  };
+  double peak = 0.0;
+  for_each_pixel([&](int, int, double value) { peak = std::max(peak, value); });
+  const double minimum = std::max(threshold.min_adu, threshold.relative * peak);
+
+  WindowMeasurement m;
+  for_each_pixel([&](int r, int c, double value) {
+    const double f = std::max(value - minimum, 0.0);
+    m.flux_adu += f;
+    m.x_px += f * c;
+    m.y_px += f * r;
+  });
+  if (m.flux_adu <= 0.0) return m;
+  m.x_px /= m.flux_adu;
+  m.y_px /= m.flux_adu;
+  double lost_x = 0.0;
+  double lost_y = 0.0;
+  for_each_pixel([&](int r, int c, double value) {
+    const double f = std::max(value - minimum, 0.0);
+    m.spread_px2 += f * ((c - m.x_px) * (c - m.x_px) + (r - m.y_px) * (r - m.y_px));
+    if (c == window.x0) lost_x += f * (m.x_px - (c - 0.5));
+    if (c == x1) lost_x += f * (c + 0.5 - m.x_px);
+    if (r == window.y0) lost_y += f * (m.y_px - (r - 0.5));
+    if (r == y1) lost_y += f * (r + 0.5 - m.y_px);
+  });
+  m.spread_px2 /= m.flux_adu;
+  m.gain = {1.0 - lost_x / m.flux_adu, 1.0 - lost_y / m.flux_adu};
+  // Two edges of `length` pixels with lever arms of half the `width`.
+  const auto sigma = [&](int length, int width) {
+    return noise_adu * width * std::sqrt(0.5 * length) / m.flux_adu;
+  };
+  m.gain_is_sure = std::max(sigma(window.h, window.w), sigma(window.w, window.h)) <= kMaxSigma;
+  return m;
+}
+
+WindowGains find_window_gains(const Sensor& sensor, const std::vector<WindowMeasurement>& measured,
+                              const SignalThreshold& threshold, const CentroidOptions& options) {
+  const double diffraction_px = 2.0 * std::numbers::pi / sensor.optics.slope_rad_per_px();
+  const double blur_px = fit_blur(sensor, measured, diffraction_px, threshold);
+  const SpotModel model(diffraction_px, blur_px);
+  const double adu_per_e = 1.0 / sensor.detector.e_per_adu;
+  const double noise_adu =
+      std::hypot(sensor.detector.read_noise_e * adu_per_e, std::sqrt(1.0 / 12.0));  // rounding
+  constexpr double kMinOnModel = 0.1;  // a spot as wide as its window hardly moves in it
+  std::vector<WindowGain> gains(measured.size());
+  for (std::size_t k = 0; k < measured.size(); ++k) {
+    if (sensor.valid[k] == 0) continue;
+    const Window& window = sensor.window[k];
+    SpotView view = view_of(model, window, measured[k], threshold);
+    const WindowGain measured_on_model =
+        measure_window(model.picture(view), {}, {0, 0, window.w, window.h}, threshold, 0.0).gain;
+    view.noise_adu = noise_adu;
+    view.adu_per_e = adu_per_e;
+    if (!is_centre_of_gravity(options.method)) {
+      gains[k] = gain_of_kernel(sensor, options, model, view);
+      continue;
+    }
+    gains[k] = model.window_gain(view);
+    if (!measured[k].gain_is_sure) continue;
+    gains[k].x *= measured[k].gain.x / std::max(measured_on_model.x, kMinOnModel);
+    gains[k].y *= measured[k].gain.y / std::max(measured_on_model.y, kMinOnModel);
+  }
+  return {std::move(gains), blur_px};
+}
+
+}  // namespace curlew

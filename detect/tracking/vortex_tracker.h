@@ -1,0 +1,112 @@
+// Tracking: who is who from frame to frame, how vortices move, and which of them are real.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "core/assignment.h"
+#include "core/vortex.h"
+#include "detect/tracking/tracker_options.h"
+#include "detect/tracking/vortex_motion.h"
+
+namespace curlew {
+
+/// Follows the vortices of successive frames, one candidate a track at most, of its own charge.
+///
+/// A track's score is the logarithm of the odds that it is a vortex. A candidate of probability p
+/// at z adds ln[p/(1 − p) · N(z)/ρ], N the density predicted by its Kalman filter and ρ the density
+/// of vortices; a miss adds ln(1 − P_D): the sequential test of D. B. Reid, IEEE Trans. Autom.
+/// Control 24, 843 (1979), and S. Blackman and R. Popoli, Design and Analysis of Modern Tracking
+/// Systems (1999). So candidates far too unlikely to be reported make a vortex when they follow one
+/// another. A track is confirmed, and gets its number, when the odds of clutter coming that far are
+/// those of false_tracks_per_frame: by Ville's inequality e^score is a bound on them. ρ, P_D and
+/// the drift common to all are learnt from what is seen.
+class VortexTracker {
+ public:
+  /// For [lenslet_rows, lenslet_cols] lenslets and at most `capacity` tracks at once, tentative
+  /// ones too. Throws UsageError on options out of range.
+  VortexTracker(const TrackerOptions& options, int lenslet_rows, int lenslet_cols,
+                std::size_t capacity);
+
+  /// In: a detector's candidates, however unlikely, at most 4·capacity of them count. Out: the
+  /// vortices of confirmed tracks, older ones first, and what min_probability_single lets pass:
+  /// position and its covariance filtered, velocity, probability by all frames so far. A track
+  /// that was not seen in this frame is flagged kVortexPredicted. Unresolved pairs (charge 0) pass
+  /// unless two tracks tell of them; they keep tracks alive. A step back in time, or a long gap,
+  /// begins anew. What the list counts as overflow, and is short of, stays counted.
+  void update(double time_s, VortexList& vortices) noexcept;
+  /// Forgets everything but the numbers already given: they are never given again.
+  void reset() noexcept;
+  /// The number of the next track that is confirmed; 0 unless said. Not below what was given.
+  void number_from(std::int64_t first) noexcept { next_id_ = first; }
+
+  /// Candidates that found no room for a track, ever.
+  std::int64_t overflow() const { return overflow_; }
+  /// The drift common to all, pitches a second; 0 while unknown.
+  std::array<float, 2> drift() const { return {motion_.drift().x(), motion_.drift().y()}; }
+
+ private:
+  struct Track {
+    MotionState state;
+    Vortex last;           // candidate
+    std::int64_t id = -1;  // −1: not confirmed
+    float score = 0;       // ln of the odds
+    float evidence = 0;    // mean of the candidates' ln odds
+    std::int32_t age = 0;  // frames
+    std::int32_t charge = 0;
+    std::int32_t seen = -1;  // candidate of this frame
+  };
+  struct Observation {
+    float log_odds = 0;
+    float birth_log_odds = 0;  // that it is one no track has yet
+    Eigen::Matrix2f covariance = Eigen::Matrix2f::Zero();
+    std::int32_t track = -1;
+  };
+
+  bool advance(double time_s) noexcept;
+  void predict(float dt) noexcept;
+  void observe(const VortexList& candidates) noexcept;
+  void weigh_births(const VortexList& candidates) noexcept;
+  void assign(const VortexList& candidates, std::int32_t charge) noexcept;
+  float evidence(const Observation& observation, const Innovation& innovation) const noexcept;
+  void follow(Track& track, const Vortex& candidate, const Observation& observation) noexcept;
+  void miss(Track& track) noexcept;
+  void begin_tracks(const VortexList& candidates) noexcept;
+  void settle() noexcept;
+  void learn() noexcept;
+  void learn_drift() noexcept;
+  void report(VortexList& vortices) noexcept;
+  void average(Track& track, float seen) const noexcept;
+  static float probability(const Track& track) noexcept;
+  float distance_to_edge(float x, float y) const noexcept;
+
+  TrackerOptions options_;
+  float rows_;
+  float cols_;
+  std::vector<Track> tracks_;  // [capacity], the first n_tracks_ alive, older ones first
+  std::size_t n_tracks_ = 0;
+  std::vector<Observation> observations_;  // [4·capacity]
+  std::size_t n_observations_ = 0;
+  std::vector<std::int32_t> rows_of_charge_;  // tracks and observations of the charge in hand
+  std::vector<std::int32_t> cols_of_charge_;
+  std::vector<std::int32_t> likely_;  // observations
+  std::vector<float> velocity_x_;     // of the tracks that tell the drift
+  std::vector<float> velocity_y_;
+  std::vector<Vortex> pairs_;  // of charge 0, this frame's
+  std::size_t n_pairs_ = 0;
+  Assignment assignment_;
+  VortexMotion motion_;
+
+  std::int64_t next_id_ = 0;
+  std::int64_t overflow_ = 0;
+  double time_s_ = 0;
+  int frames_ = 0;       // since the beginning
+  float density_ = 0;    // vortices of one charge a square pitch
+  float detection_ = 0;  // P_D
+  float births_ = 0;     // candidates a frame that begin tracks
+};
+
+}  // namespace curlew

@@ -1,0 +1,50 @@
+// The benchmark of detection: every detector on every cell of Rytov variance and photons.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "service/bench/detection_dataset.h"
+#include "service/bench/detection_measurement.h"
+#include "service/bench/detection_score.h"
+
+namespace curlew {
+
+struct DetectionBenchmarkOptions {
+  FieldParameters field;  ///< its Rytov variance is not used
+  std::vector<double> rytov_variances{1.0, 2.0, 4.0};
+  std::vector<double> photons{kWithoutNoise, 1000.0, 200.0};
+  MeasurementOptions measurement;  ///< its photons are not used; without noise always plain
+  int test_realisations = 100;
+  int validation_realisations = 60;
+  int bootstrap_samples = 1000;
+  std::vector<double> controlled_rates{};  ///< more rows, each held to one false alarm rate
+  int threads = 1;
+};
+
+/// One detector on one cell.
+struct DetectionRowResult {
+  std::string name;
+  std::string method;
+  double threshold = 0.0;  ///< best for the validation subset
+  DetectionScore score;    ///< of the test subset
+  std::vector<DetectionScore> samples;
+  double microseconds = 0.0;  ///< a frame, median
+};
+
+struct DetectionCellResult {
+  double rytov_variance = 0.0;
+  double photons = 0.0;
+  int required = 0;           ///< vortices in the test subset
+  double measuring_ms = 0.0;  ///< a frame, median
+  std::vector<DetectionRowResult> rows;
+};
+
+/// step is called whenever a realisation has been made or read, and may throw to end the run.
+/// Threads take realisations in turn; the results do not depend on how many there are.
+std::vector<DetectionCellResult> run_detection_benchmark(const DetectionBenchmarkOptions& options,
+                                                         const RealisationCache& cache,
+                                                         const std::function<void()>& step);
+
+}  // namespace curlew

@@ -1,0 +1,156 @@
+#include <spdlog/fmt/fmt.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/error.h"
+#include "service/bench/bench_frames.h"
+#include "service/bench/bench_run.h"
+#include "service/commands/commands.h"
+#include "service/pipeline.h"
+#include "service/program/progress.h"
+#include "service/program/version.h"
+#include "service/results/latency_report.h"
+#include "service/thread_placement.h"
+
+namespace curlew {
+namespace {
+
+struct BenchOptions {
+  int rows = 0;  // 0: the three standard cases
+  int cols = 0;
+  int window_px = 0;
+  std::int64_t frames = 2000;
+  std::string threads = "inline";
+  std::vector<int> cpus;
+  bool json = false;
+};
+
+std::vector<BenchCase> cases(const BenchOptions& options) {
+  if (options.rows == 0 && options.cols == 0 && options.window_px == 0)
+    return {kBenchCases.begin(), kBenchCases.end()};
+  if (options.rows == 0 || options.cols == 0 || options.window_px == 0)
+    throw UsageError("give --rows, --cols and --window together");
+  return {BenchCase{options.rows, options.cols, options.window_px}};
+}
+
+/// A few frames over and over, from memory.
+class LoopSource final : public FrameSource {
+ public:
+  LoopSource(const std::vector<BenchFrame>& frames, std::int64_t count)
+      : frames_(frames), count_(count) {}
+
+  const FrameFormat& format() const override { return frames_.front().format; }
+  std::int64_t frame_count() const override { return count_; }
+  Delivery next(FrameBuffer& into) override {
+    if (delivered_ == count_) return Delivery::kEnd;
+    const BenchFrame& frame = frames_[static_cast<std::size_t>(delivered_) % frames_.size()];
+    std::copy_n(frame.view().pixels, frame.format.bytes(), into.data());
+    into.header = {.sequence = delivered_++, .received = std::chrono::steady_clock::now()};
+    into.rows_ready = frame.format.rows;
+    return Delivery::kFrame;
+  }
+
+ private:
+  const std::vector<BenchFrame>& frames_;
+  std::int64_t count_;
+  std::int64_t delivered_ = 0;
+};
+
+struct Measured {
+  RunReport report;
+  std::string pinning;
+};
+
+Measured measure(const BenchCase& which, const BenchOptions& options) {
+  constexpr int kDistinctFrames = 4;
+  constexpr std::int64_t kWarmUp = 100;
+  std::vector<BenchFrame> frames;
+  frames.reserve(kDistinctFrames);
+  for (int i = 0; i < kDistinctFrames; ++i)
+    frames.push_back(
+        make_bench_frame(which, BenchSlopes::kSmooth, static_cast<std::uint64_t>(i) + 1));
+  Sensor sensor = tiled_sensor(which);
+  add_maps(sensor, 1);
+  Config config;
+  config.centroid.threshold_adu = kBenchThresholdAdu;
+  config.pipeline.threads = setting_from<Threading>(options.threads, "--threads");
+  config.pipeline.cpus = options.cpus;
+  ThreadPlacement placement(options.cpus, 0);
+  Pipeline pipeline(std::make_shared<const Plan>(sensor, frames.front().format, config),
+                    config.pipeline, placement.thread_start());
+  LoopSource warm_up(frames, kWarmUp);
+  RecordedFeed warm_up_feed(warm_up, {});
+  pipeline.run(warm_up_feed, {});
+  LoopSource source(frames, options.frames);
+  RecordedFeed feed(source, {});
+  Progress progress("bench", options.frames);
+  Publisher publisher;
+  publisher.finish = [&](const FrameSlot&, std::int64_t) { progress.step(); };
+  Measured measured;
+  measured.report = pipeline.run(feed, publisher);
+  measured.pinning = placement.description();
+  return measured;
+}
+
+void bench_latency(const BenchOptions& options) {
+  if (options.frames < 1) throw UsageError("--frames must be at least 1");
+  const std::vector<BenchCase> all = cases(options);
+  refuse_debug_build();
+  nlohmann::ordered_json json = machine_json();
+  json["threads"] = options.threads;
+  json["frames"] = options.frames;
+  std::string text;
+  for (const BenchCase& which : all) {
+    const auto [report, pinning] = measure(which, options);
+    json["pinning"] = pinning;
+    nlohmann::ordered_json entry;
+    entry["rows"] = which.rows;
+    entry["cols"] = which.cols;
+    entry["window_px"] = which.window_px;
+    entry["latency_us"] = latency_json(report);
+    json["cases"].push_back(entry);
+    text +=
+        fmt::format("\n{} x {} lenslets of {} x {} px, u16, dark, flat and bad pixels, {} frames\n",
+                    which.cols, which.rows, which.window_px, which.window_px, report.frames);
+    text += latency_table(report);
+  }
+  if (options.json) {
+    fmt::print("{}\n", json.dump(2));
+    return;
+  }
+  fmt::print("{}, {} build, {}\n{}, {} CPUs, threads {}, pinned: {}\n{}",
+             json["program"].get<std::string>(), kBuildType, kCompiler,
+             json["cpu"].get<std::string>(), json["cpus"].get<unsigned>(), options.threads,
+             json["pinning"].get<std::string>(), text);
+}
+
+}  // namespace
+
+void add_bench(CLI::App& app) {
+  auto options = std::make_shared<BenchOptions>();
+  CLI::App* bench = app.add_subcommand("bench", "Benchmarks; never from a debug build");
+  bench->require_subcommand(1);
+  CLI::App* latency = bench->add_subcommand(
+      "latency", "Latency of every stage; without sizes: 40x40 of 6 px, 80x80 of 10, 30x30 of 32");
+  latency->add_option("--rows", options->rows, "lenslet rows")->check(CLI::Range(2, 1000));
+  latency->add_option("--cols", options->cols, "lenslet columns")->check(CLI::Range(2, 1000));
+  latency->add_option("--window", options->window_px, "pixels per lenslet side")
+      ->check(CLI::Range(2, 1000));
+  latency->add_option("--frames", options->frames, "frames a case")->capture_default_str();
+  latency->add_option("--threads", options->threads, "inline or per_stage")->capture_default_str();
+  latency->add_option("--cpus", options->cpus, "pin threads to these CPUs, in turn")
+      ->delimiter(',');
+  latency->add_flag("--json", options->json, "print JSON");
+  latency->callback([options] { bench_latency(*options); });
+  add_bench_detect(*bench);
+  add_bench_train(*bench);
+  add_bench_classifier(*bench);
+  add_bench_false_alarms(*bench);
+  add_bench_phase(*bench);
+  add_bench_bound(*bench);
+  add_bench_track(*bench);
+}
+
+}  // namespace curlew

@@ -1,0 +1,240 @@
+#include <spdlog/fmt/fmt.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/error.h"
+#include "service/bench/bench_run.h"
+#include "service/bench/detection_benchmark.h"
+#include "service/commands/commands.h"
+#include "service/program/version.h"
+
+namespace curlew {
+namespace {
+
+struct DetectOptionsOfBench {
+  DetectionBenchmarkOptions benchmark;
+  BenchRun run;
+};
+
+/// Says what the run will cost before it is paid.
+void announce(const DetectionBenchmarkOptions& options, const RealisationCache& cache) {
+  double seconds = 0.0;
+  double megabytes = 0.0;
+  int realisations = 0;
+  int kept = 0;
+  for (const double rytov_variance : options.rytov_variances) {
+    FieldParameters field = options.field;
+    field.rytov_variance = rytov_variance;
+    const RealisationCost cost = realisation_cost(field);
+    megabytes = std::max(megabytes, cost.megabytes);
+    const auto count = [&](Subset subset, int n) {
+      for (int i = 0; i < n; ++i) {
+        ++realisations;
+        if (cache.holds(field, realisation_seed(subset, i)))
+          ++kept;
+        else
+          seconds += cost.seconds;
+      }
+    };
+    count(Subset::kValidation, options.validation_realisations);
+    count(Subset::kTest, options.test_realisations);
+  }
+  const double image_mb = 4e-6 * options.field.rows * options.field.cols * options.field.window_px *
+                          options.field.window_px;
+  megabytes = megabytes * options.threads +
+              image_mb * (options.test_realisations + options.validation_realisations);
+  fmt::print(stderr, "{} realisations, {} of them kept from before; about {:.0f} s, {:.0f} MB\n",
+             realisations, kept, std::ceil(seconds / options.threads), megabytes);
+}
+
+std::map<std::string, CentroidMethod> centroid_methods() {
+  std::map<std::string, CentroidMethod> methods;
+  for (std::size_t i = 0; i < kCentroidMethodNames.size(); ++i)
+    methods.emplace(kCentroidMethodNames[i], static_cast<CentroidMethod>(i));
+  return methods;
+}
+
+std::string photons_text(double photons) {
+  return std::isfinite(photons) ? fmt::format("{} photons", photons) : "no noise";
+}
+
+std::string pupil_name(Pupil pupil) {
+  return pupil == Pupil::kSquare ? "square" : pupil == Pupil::kRound ? "round" : "obscured";
+}
+
+/// NaN has no place in JSON.
+nlohmann::ordered_json number(double value) {
+  return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
+}
+
+nlohmann::ordered_json row_json(const DetectionRowResult& row) {
+  nlohmann::ordered_json json;
+  json["name"] = row.name;
+  json["method"] = row.method;
+  json["threshold"] = number(row.threshold);
+  for (const ScoreMember& member : kScoreMembers) {
+    const Interval interval = interval_of(row.samples, member.value);
+    json[std::string(member.name)] = {{"value", number(row.score.*member.value)},
+                                      {"low", number(interval.low)},
+                                      {"high", number(interval.high)}};
+  }
+  json["us_per_frame"] = row.microseconds;
+  return json;
+}
+
+nlohmann::ordered_json results_json(const DetectionBenchmarkOptions& options,
+                                    const std::vector<DetectionCellResult>& cells) {
+  nlohmann::ordered_json json;
+  json["program"] = kProgram;
+  json["lenslet"] = options.field.lenslet;
+  json["window_px"] = options.field.window_px;
+  json["samples_per_lambda_w"] = options.field.samples_per_lambda_w;
+  json["pupil"] = pupil_name(options.measurement.pupil);
+  json["faded"] = options.measurement.faded;
+  json["validation_realisations"] = options.validation_realisations;
+  json["test_realisations"] = options.test_realisations;
+  json["false_alarms_of_recall"] = kStatedFalseAlarms;
+  json["interval"] = 0.95;
+  for (const DetectionCellResult& cell : cells) {
+    nlohmann::ordered_json entry;
+    entry["rytov_variance"] = cell.rytov_variance;
+    entry["photons"] = number(cell.photons);
+    entry["required"] = cell.required;
+    entry["measuring_ms"] = cell.measuring_ms;
+    for (const DetectionRowResult& row : cell.rows) entry["rows"].push_back(row_json(row));
+    json["cells"].push_back(entry);
+  }
+  return json;
+}
+
+/// The value and half the width of its interval.
+std::string figure(const DetectionRowResult& row, double DetectionScore::*value) {
+  if (!std::isfinite(row.score.*value)) return "–";
+  const Interval interval = interval_of(row.samples, value);
+  return fmt::format("{:.3f} ± {:.2f}", row.score.*value, 0.5 * (interval.high - interval.low));
+}
+
+std::string table(const DetectionCellResult& cell, int frames) {
+  std::string text = fmt::format(
+      "\nRytov variance {}, {}: {} vortices in {} frames, {:.2f} ms to measure a frame\n{:<21}",
+      cell.rytov_variance, photons_text(cell.photons), cell.required, frames, cell.measuring_ms,
+      "");
+  for (const char* heading : {"F1", "best F1", "av. prec.", "recall", "rms", "isolated"})
+    text += fmt::format(" {:>12}", heading);
+  text += fmt::format(" {:>7}\n", "µs");
+  for (const DetectionRowResult& row : cell.rows) {
+    text += fmt::format("{:<21}", row.name);
+    for (const ScoreMember& member : kScoreMembers)
+      text += fmt::format(" {:>12}", figure(row, member.value));
+    text += fmt::format(" {:>7.1f}\n", row.microseconds);
+  }
+  return text;
+}
+
+void bench_detect(DetectOptionsOfBench options) {
+  refuse_debug_build();
+  DetectionBenchmarkOptions& benchmark = options.benchmark;
+  if (options.run.quick) benchmark.test_realisations = benchmark.validation_realisations = 4;
+  for (double& photons : benchmark.photons) {
+    if (photons == 0.0) photons = kWithoutNoise;
+  }
+  const RealisationCache cache(options.run.folder());
+  announce(benchmark, cache);
+  const int per_cell = benchmark.test_realisations + benchmark.validation_realisations;
+  const auto n = static_cast<std::int64_t>(benchmark.rytov_variances.size()) * per_cell;
+  const std::vector<DetectionCellResult> cells = options.run.watch(
+      "fields", n, [&](auto step) { return run_detection_benchmark(benchmark, cache, step); });
+  if (options.run.json) {
+    fmt::print("{}\n", results_json(benchmark, cells).dump(2));
+    return;
+  }
+  fmt::print(
+      "{}, {} build\nF1 at the threshold best for {} other frames, and at the best for these; "
+      "average "
+      "precision; recall at\n{} false alarms a frame; rms error in pitches, of all hits and of "
+      "vortices over {} from any other;\n± half of the 95 % interval\n",
+      kProgram, kBuildType, benchmark.validation_realisations, kStatedFalseAlarms, kIsolation);
+  for (const DetectionCellResult& cell : cells)
+    fmt::print("{}", table(cell, benchmark.test_realisations));
+  fmt::print("\n");
+  for (const DetectionRowResult& row : cells.front().rows)
+    fmt::print("{:<22} {}\n", row.name, row.method);
+}
+
+}  // namespace
+
+void add_bench_detect(CLI::App& bench) {
+  auto options = std::make_shared<DetectOptionsOfBench>();
+  DetectionBenchmarkOptions& benchmark = options->benchmark;
+  CLI::App* detect = bench.add_subcommand(
+      "detect", "Detectors of vortices compared on simulated turbulence; goes on where it ended");
+  detect->add_option("--realisations", benchmark.test_realisations, "test fields a cell")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  detect
+      ->add_option("--validation", benchmark.validation_realisations,
+                   "fields a cell that thresholds are chosen on")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  detect->add_option("--rytov", benchmark.rytov_variances, "Rytov variances")
+      ->delimiter(',')
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect->add_option("--photons", benchmark.photons, "photons a lenslet; 0: no noise")
+      ->delimiter(',')
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect->add_option("--lenslet", benchmark.field.lenslet, "side, √(λL)")->capture_default_str();
+  detect->add_option("--window", benchmark.field.window_px, "pixels per lenslet side")
+      ->check(CLI::Range(4, 64))
+      ->capture_default_str();
+  detect->add_option("--sampling", benchmark.field.samples_per_lambda_w, "pixels per λ/w")
+      ->capture_default_str();
+  detect
+      ->add_option("--centroid", benchmark.measurement.method,
+                   "thresholded (default), plain, weighted, correlation, brightest_pixels or "
+                   "maximum_likelihood")
+      ->transform(CLI::CheckedTransformer(centroid_methods()));
+  detect
+      ->add_option("--threshold-noise", benchmark.measurement.threshold_noise,
+                   "of the thresholded centroid, read noises")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect
+      ->add_option("--spot-sigma", benchmark.measurement.spot_sigma_px,
+                   "of the Gaussian of centroids that have one, px; 0: the diffraction limit's")
+      ->capture_default_str();
+  detect
+      ->add_option("--reference-pull", benchmark.measurement.reference_pull,
+                   "of the weighted centroid, read noises")
+      ->capture_default_str();
+  detect
+      ->add_option("--brightest-pixels", benchmark.measurement.brightest_pixels,
+                   "that count in the centroid of that name")
+      ->capture_default_str();
+  detect
+      ->add_option("--pupil", benchmark.measurement.pupil,
+                   "square (default), round or obscured: which lenslets get light")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, Pupil>{
+          {"square", Pupil::kSquare}, {"round", Pupil::kRound}, {"obscured", Pupil::kObscured}}));
+  detect
+      ->add_option("--faded", benchmark.measurement.faded,
+                   "part of the lenslets, others in every frame, that are dark")
+      ->check(CLI::Range(0.0, 0.9))
+      ->capture_default_str();
+  detect
+      ->add_option("--controlled", benchmark.controlled_rates,
+                   "more rows: whitened and classifier held to these false alarms a frame")
+      ->delimiter(',')
+      ->check(CLI::PositiveNumber);
+  options->run.add_to(*detect, "4 fields of each kind: shows that all runs", benchmark.threads);
+  detect->callback([options] { bench_detect(*options); });
+}
+
+}  // namespace curlew

@@ -1,0 +1,235 @@
+#include <spdlog/fmt/fmt.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <optional>
+
+#include "acquisition/fits/partial_path.h"
+#include "acquisition/recording/fits_source.h"
+#include "acquisition/recording/mean_image.h"
+#include "centroiding/calibration/calibrate.h"
+#include "core/error.h"
+#include "service/commands/commands.h"
+#include "service/config.h"
+#include "service/program/outputs.h"
+#include "service/sensor/capture.h"
+#include "service/sensor/reference_spots.h"
+#include "service/sensor/sensor_file.h"
+
+namespace curlew {
+namespace {
+
+struct CalibrateOptions {
+  std::string reference;
+  std::string dark;
+  std::string flat;
+  std::string bad_pixels;
+  std::string config;
+  std::string out;
+  std::string camera;
+  std::string keep;
+  std::int64_t frames = 100;
+  bool take_dark = false;
+  std::optional<double> pitch_um, focal_mm, pixel_um, wavelength_nm, magnification;
+  std::optional<double> e_per_adu, read_noise_e, saturation_adu;
+  bool mirror = false;
+};
+
+template <typename To, typename From>
+Image<To> converted(const Image<From>& from) {
+  Image<To> to(from.rows(), from.cols());
+  std::transform(from.begin(), from.end(), to.begin(), [](From v) { return static_cast<To>(v); });
+  return to;
+}
+
+/// What the user said, in SI units, goes before what the recording says.
+void apply_option(double& value, const std::optional<double>& given, double unit,
+                  const std::string& option, bool zero_allowed = false) {
+  if (!given) return;
+  if (!std::isfinite(*given) || *given < 0.0 || (*given == 0.0 && !zero_allowed))
+    throw UsageError(option + " must be a positive number");
+  value = *given * unit;
+}
+
+Optics optics_of(const CalibrateOptions& options, Optics optics) {
+  apply_option(optics.pitch_m, options.pitch_um, 1e-6, "--pitch-um");
+  apply_option(optics.focal_m, options.focal_mm, 1e-3, "--focal-mm");
+  apply_option(optics.pixel_m, options.pixel_um, 1e-6, "--pixel-um");
+  apply_option(optics.wavelength_m, options.wavelength_nm, 1e-9, "--wavelength-nm");
+  apply_option(optics.magnification, options.magnification, 1.0, "--magnification");
+  optics.mirrored = optics.mirrored || options.mirror;
+  std::string missing;
+  for (const auto& [value, option] :
+       {std::pair{optics.pitch_m, "--pitch-um"}, std::pair{optics.focal_m, "--focal-mm"},
+        std::pair{optics.pixel_m, "--pixel-um"}, std::pair{optics.wavelength_m, "--wavelength-nm"}})
+    if (!(value > 0.0)) missing.append(missing.empty() ? "" : ", ").append(option);
+  if (!missing.empty())
+    throw UsageError(options.reference + " does not tell the optics, give " + missing);
+  return optics;
+}
+
+Detector detector_of(const CalibrateOptions& options, Detector detector) {
+  apply_option(detector.e_per_adu, options.e_per_adu, 1.0, "--e-per-adu");
+  apply_option(detector.read_noise_e, options.read_noise_e, 1.0, "--read-noise-e", true);
+  apply_option(detector.saturation_adu, options.saturation_adu, 1.0, "--saturation-adu");
+  return detector;
+}
+
+/// Mean of a dark, flat or bad-pixel file, which must be of the reference's size.
+MeanImage read_map(const std::string& path, const MeanImage& reference) {
+  MeanImage map = read_mean_image(path);
+  const FrameFormat& a = map.region;
+  const FrameFormat& b = reference.region;
+  if (a.offset_x_px != b.offset_x_px || a.offset_y_px != b.offset_y_px || a.binning != b.binning)
+    throw Failure(fmt::format(
+        "{} begins at ({}, {}) binned {}, the reference at ({}, {}) binned {}", path, a.offset_x_px,
+        a.offset_y_px, a.binning, b.offset_x_px, b.offset_y_px, b.binning));
+  if (a.rows != b.rows || a.cols != b.cols)
+    throw Failure(fmt::format("{} is {} x {} px, the reference {} x {}", path, a.cols, a.rows,
+                              b.cols, b.rows));
+  return map;
+}
+
+CalibrationInput read_input(const CalibrateOptions& options, const FitsSource& source) {
+  CalibrationInput input;
+  const MeanImage reference = read_mean_image(options.reference);
+  input.reference_adu = converted<float>(reference.mean);
+  input.reference_frames = static_cast<int>(reference.frames);
+  if (!options.dark.empty()) {
+    const MeanImage dark = read_map(options.dark, reference);
+    input.dark_adu = converted<float>(dark.mean);
+    if (!dark.variance.empty()) input.dark_variance_adu2 = converted<float>(dark.variance);
+  }
+  if (!options.flat.empty()) input.flat = converted<float>(read_map(options.flat, reference).mean);
+  Image<std::uint8_t> bad(reference.region.rows, reference.region.cols);
+  if (!options.bad_pixels.empty()) {
+    const MeanImage map = read_map(options.bad_pixels, reference);
+    for (std::size_t i = 0; i < bad.size(); ++i) bad[i] = map.mean[i] == 0.0 ? 0 : 1;
+  }
+  for (std::size_t i = 0; i < bad.size(); ++i)
+    if (!std::isfinite(reference.mean[i])) bad[i] = 1;
+  if (std::any_of(bad.begin(), bad.end(), [](std::uint8_t b) { return b != 0; }))
+    input.bad_pixel = bad;
+  input.optics = optics_of(options, source.optics());
+  input.detector = detector_of(options, source.detector());
+  input.offset_x_px = source.format().offset_x_px;
+  input.offset_y_px = source.format().offset_y_px;
+  input.binning = source.format().binning;
+  return input;
+}
+
+void print_fit(const CalibrateOptions& options, const Sensor& sensor) {
+  const LensletGrid& grid = sensor.grid;
+  const auto lit = std::count(sensor.valid.begin(), sensor.valid.end(), std::uint8_t{1});
+  fmt::print("{}: {} of {} x {} lenslets lit, square layout\n", options.out, lit, grid.cols,
+             grid.rows);
+  fmt::print("  pitch {:.3f} px, rotation {:+.3f} deg, lenslet (0, 0) at ({:.2f}, {:.2f}) px\n",
+             grid.pitch_px(), grid.rotation_deg(), grid.origin_x_px, grid.origin_y_px);
+  fmt::print("  spots lie {:.3f} px rms from the grid\n", sensor.residual_px);
+  const Optics& optics = sensor.optics;
+  fmt::print("  pitch found is {:.4f} of w m / p (optics and the reference beam's curvature)\n",
+             grid.pitch_px() * optics.pixel_m / (optics.pitch_m * optics.magnification));
+  fmt::print("  one pixel is a slope of {:.4f} rad per pitch\n", optics.slope_rad_per_px());
+}
+
+/// Finds grid, windows and references from the recording options.reference.
+void calibrate_on_recording(const CalibrateOptions& options) {
+  refuse_overwriting(options.out, {options.reference, options.dark, options.flat,
+                                   options.bad_pixels, options.config});
+  const Config config = options.config.empty() ? Config{} : read_config(options.config);
+  FitsSource source({options.reference});
+  CalibrationInput input = read_input(options, source);
+  input.centroid = config.centroid;
+  Calibration calibration = [&] {
+    try {
+      return calibrate_sensor(input);
+    } catch (const Failure& failure) {
+      throw Failure(options.reference + ": " + failure.what());
+    }
+  }();
+  Sensor& sensor = calibration.sensor;
+  const ReferenceReport report = measure_reference_spots(source, config.centroid, sensor);
+  write_sensor(options.out, sensor);
+  print_fit(options, sensor);
+  if (!source.map_report().empty()) fmt::print("  {}\n", source.map_report());
+  for (const std::string& note : calibration.notes) fmt::print("  {}\n", note);
+  if (!report.text.empty()) fmt::print("  {}\n", report.text);
+}
+
+/// Frames from the camera into a recording first, which is kept where the user says so.
+void calibrate_on_camera(CalibrateOptions options) {
+  const Config config = options.config.empty() ? Config{} : read_config(options.config);
+  CameraOptions camera = config.camera;
+  camera.source = options.camera;
+  if (options.take_dark) {
+    capture_frames(camera, options.frames, options.out);
+    fmt::print("{}: a stack of {} darks, for --dark\n", options.out, options.frames);
+    return;
+  }
+  options.reference =
+      options.keep.empty() ? partial_path(options.out + ".reference.fits") : options.keep;
+  refuse_overwriting(options.reference,
+                     {options.out, options.dark, options.flat, options.bad_pixels, options.config});
+  capture_frames(camera, options.frames, options.reference);
+  const auto discard = [&] {
+    if (options.keep.empty()) std::filesystem::remove(options.reference);
+  };
+  try {
+    calibrate_on_recording(options);
+  } catch (...) {
+    discard();
+    throw;
+  }
+  discard();
+}
+
+void calibrate(const CalibrateOptions& options) {
+  if (options.camera.empty() == options.reference.empty())
+    throw UsageError("give either a reference recording or --camera");
+  if (options.camera.empty() && (options.take_dark || !options.keep.empty()))
+    throw UsageError("--take-dark and --keep need --camera");
+  if (options.camera.empty())
+    calibrate_on_recording(options);
+  else
+    calibrate_on_camera(options);
+}
+
+}  // namespace
+
+void add_calibrate(CLI::App& app) {
+  auto options = std::make_shared<CalibrateOptions>();
+  CLI::App* command =
+      app.add_subcommand("calibrate", "Find the lenslet grid and write the sensor file");
+  command->add_option("reference", options->reference, "frames of the reference beam (FITS)");
+  command->add_option("--camera", options->camera,
+                      "take them from a camera instead: aravis:ID, usb:VID:PID or sim:PRESET");
+  command->add_option("--frames", options->frames, "how many to take from the camera")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  command->add_option("--keep", options->keep, "keep the camera's frames in this recording");
+  command->add_flag("--take-dark", options->take_dark,
+                    "only take frames from the camera, with the light off, into --out");
+  command->add_option("--out", options->out, "the sensor file (FITS)")->required();
+  command->add_option("--dark", options->dark, "dark frame, or a stack: gives the read noise too");
+  command->add_option("--flat", options->flat, "flat field, of any scale");
+  command->add_option("--bad-pixels", options->bad_pixels,
+                      "image that is not 0 where a pixel is bad");
+  command->add_option("--config", options->config,
+                      "configuration (TOML): [centroid], and [camera] with --camera");
+  command->add_option("--pitch-um", options->pitch_um, "lenslet pitch");
+  command->add_option("--focal-mm", options->focal_mm, "focal length of the lenslets");
+  command->add_option("--pixel-um", options->pixel_um, "pixel size, as binned");
+  command->add_option("--wavelength-nm", options->wavelength_nm, "wavelength");
+  command->add_option("--magnification", options->magnification,
+                      "of a relay between lenslets and detector (default 1)");
+  command->add_flag("--mirror", options->mirror, "the relay mirrors the image; flips charges");
+  command->add_option("--e-per-adu", options->e_per_adu, "detector gain");
+  command->add_option("--read-noise-e", options->read_noise_e, "read noise, electrons rms");
+  command->add_option("--saturation-adu", options->saturation_adu, "saturated at or above");
+  command->callback([options] { calibrate(*options); });
+}
+
+}  // namespace curlew

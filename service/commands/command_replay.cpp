@@ -1,0 +1,195 @@
+#include <spdlog/fmt/fmt.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <optional>
+
+#include "acquisition/fits/partial_path.h"
+#include "acquisition/recording/fits_source.h"
+#include "centroiding/calibration/frame_noise.h"
+#include "core/error.h"
+#include "service/commands/commands.h"
+#include "service/pipeline.h"
+#include "service/program/interrupt.h"
+#include "service/program/outputs.h"
+#include "service/program/progress.h"
+#include "service/results/json_lines.h"
+#include "service/results/latency_report.h"
+#include "service/results/results_file.h"
+#include "service/results/truth_match.h"
+#include "service/results/vortex_printer.h"
+#include "service/sensor/sensor_file.h"
+#include "service/thread_placement.h"
+
+namespace curlew {
+namespace {
+
+struct ReplayOptions {
+  std::vector<std::string> recordings;
+  std::string sensor;
+  std::string config;
+  std::string out;
+  std::string jsonl;
+  std::vector<std::string> save;
+  std::optional<double> false_alarms;
+  std::string threads;
+  std::string method;
+  bool track = false;
+  double pace_hz = 0.0;
+  std::int64_t show = 3;
+};
+
+Config configuration(const ReplayOptions& options) {
+  Config config = options.config.empty() ? Config{} : read_config(options.config);
+  if (!options.method.empty())
+    config.detect.method = setting_from<DetectMethod>(options.method, "--method");
+  config.track.enabled |= options.track;
+  if (options.false_alarms) config.detect.false_alarms_per_frame = *options.false_alarms;
+  if (!options.threads.empty())
+    config.pipeline.threads = setting_from<Threading>(options.threads, "--threads");
+  return config;
+}
+
+/// Sentences on what the frames and the sensor file say differently about the detector: thresholds
+/// and significances follow the sensor file.
+std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& source,
+                                        const std::string& recording) {
+  constexpr double kMuchNoisier = 1.5;
+  std::vector<std::string> notes;
+  const double e_per_adu = source.detector().e_per_adu;
+  if (std::abs(e_per_adu - sensor.detector.e_per_adu) > 0.01 * e_per_adu)
+    notes.push_back(
+        fmt::format("{} has {:.4g} e- per ADU, the sensor file {:.4g}: if the sensor "
+                    "file is wrong, calibrate again with --e-per-adu",
+                    recording, e_per_adu, sensor.detector.e_per_adu));
+  const double wavelength = source.optics().wavelength_m;
+  if (std::abs(wavelength - sensor.optics.wavelength_m) > 1e-3 * wavelength)
+    notes.push_back(
+        fmt::format("{} was taken at {:.5g} nm, the sensor file says {:.5g}: slopes are "
+                    "those of the sensor file",
+                    recording, wavelength * 1e9, sensor.optics.wavelength_m * 1e9));
+  FitsSource first({recording});
+  FrameBuffer frame(first.format());
+  if (first.next(frame) != Delivery::kFrame) return notes;
+  const FrameNoise seen = estimate_frame_noise(sensor, first.format(), frame.view());
+  const double light = std::max(seen.light_adu, 0.0);  // comes with photon noise and with slopes
+  const double read_noise = sensor.detector.read_noise_e / sensor.detector.e_per_adu;
+  const double known =
+      std::sqrt(read_noise * read_noise + light / sensor.detector.e_per_adu + light * light +
+                first.format().scale_adu * first.format().scale_adu / 12.0);
+  if (seen.noise_adu > kMuchNoisier * known)
+    notes.push_back(fmt::format(
+        "{} has {:.4g} ADU of noise between the spots, the sensor file knows of {:.4g}: false "
+        "alarms will be many, calibrate again with --read-noise-e {:.3g}",
+        recording, seen.noise_adu, known, seen.noise_adu * sensor.detector.e_per_adu));
+  return notes;
+}
+
+void replay(const ReplayOptions& options) {
+  std::vector<std::string> inputs = options.recordings;
+  inputs.push_back(options.sensor);
+  inputs.push_back(options.config);
+  refuse_overwriting(options.out, inputs);
+  refuse_overwriting(options.jsonl, inputs);
+  if (!options.save.empty() && options.out.empty())
+    throw UsageError("--save goes into --out, name a file there");
+  if (!options.out.empty() && !options.jsonl.empty() &&
+      target_of(options.out) == target_of(options.jsonl))
+    throw UsageError("--out and --jsonl name the same file " + options.out);
+  if (options.pace_hz != 0.0 && !(options.pace_hz >= 1e-3 && options.pace_hz <= 1e6))
+    throw UsageError("--pace must be from 0.001 to 1000000 Hz, or 0");
+  const SaveOptions save = save_options_from(options.save);
+  Config config = configuration(options);
+  config.split.hidden_phase |= save.whole_phase;
+  Sensor sensor = read_sensor(options.sensor);
+  FitsSource source(options.recordings);
+  const FrameFormat& format = source.format();
+  add_bad_pixels(sensor, source.nan_pixels());
+  const auto plan = std::make_shared<const Plan>(sensor, format, config);
+  const Truth truth(options.recordings);
+
+  fmt::print("{} frames of {} x {} px, {} of {} x {} lenslets lit\n", source.frame_count(),
+             format.cols, format.rows,
+             std::count(sensor.valid.begin(), sensor.valid.end(), std::uint8_t{1}),
+             sensor.grid.cols, sensor.grid.rows);
+  if (!source.map_report().empty()) fmt::print("{}\n", source.map_report());
+
+  for (const std::string& note : contradictions(sensor, source, options.recordings.front()))
+    fmt::print("{}\n", note);
+
+  std::unique_ptr<ResultsFile> results;
+  if (!options.out.empty())
+    results = std::make_unique<ResultsFile>(options.out, *plan, save, source.frame_count(),
+                                            config_hash(config));
+  std::unique_ptr<JsonLines> lines;
+  if (!options.jsonl.empty()) lines = std::make_unique<JsonLines>(options.jsonl);
+  VortexPrinter printer(truth, config, options.show);
+  FrameResult result(plan->detect.capacity());
+  ThreadPlacement placement(config.pipeline.cpus, config.realtime.priority);
+  RunReport report;
+  {
+    Progress progress("replay", source.frame_count());
+    Pipeline pipeline(plan, config.pipeline, placement.thread_start());
+    RecordedFeed feed(source, {options.pace_hz, -1});
+    Publisher publisher;
+    publisher.publish = [&](const FrameSlot& slot) {
+      if (results) results->add(slot);
+    };
+    publisher.finish = [&](const FrameSlot& slot, std::int64_t dropped) {
+      if (results) results->add_latency(slot);
+      if (lines) {
+        result.copy(slot, dropped);
+        lines->add(result);
+      }
+      printer.add(slot);
+      progress.step();
+    };
+    report = pipeline.run(feed, publisher);
+  }
+  if (results) results->commit();
+  if (lines) lines->commit();
+
+  printer.summarize();
+  fmt::print("{} frames, {} vortices, {} frames dropped, {:.1f} frames/s\n", report.frames,
+             report.vortices, report.dropped, static_cast<double>(report.frames) / report.seconds);
+  if (report.overflow > 0)
+    fmt::print("{} more vortices did not fit: raise [pipeline] max_vortices\n", report.overflow);
+  if (report.not_converged > 0)
+    fmt::print("{} frames whose split did not converge: raise [split] max_iterations\n",
+               report.not_converged);
+  if (interrupted()) fmt::print("interrupted: the files hold the frames so far\n");
+  if (!config.pipeline.cpus.empty()) fmt::print("threads pinned to: {}\n", placement.description());
+  fmt::print("\n{}", latency_table(report));
+}
+
+}  // namespace
+
+void add_replay(CLI::App& app) {
+  auto options = std::make_shared<ReplayOptions>();
+  CLI::App* command = app.add_subcommand("replay", "Run the pipeline over recordings");
+  command->add_option("recordings", options->recordings, "FITS files, in order")->required();
+  command->add_option("--sensor", options->sensor, "sensor file made by 'curlew calibrate'")
+      ->required();
+  command->add_option("--config", options->config, "configuration (TOML)");
+  command->add_option("--out", options->out, "results (FITS)");
+  command
+      ->add_option("--save", options->save,
+                   "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation")
+      ->delimiter(',');
+  command->add_option("--jsonl", options->jsonl, "one JSON object a frame");
+  command->add_option("--method", options->method,
+                      "how vortices are found: circulation (default), whitened or classifier");
+  command->add_flag("--track", options->track,
+                    "follow vortices from frame to frame, and report what lasts");
+  command->add_option("--false-alarms", options->false_alarms,
+                      "vortices reported a frame where there is only noise (default 0.01)");
+  command->add_option("--threads", options->threads, "inline (default) or per_stage");
+  command->add_option("--pace", options->pace_hz, "deliver frames no faster than this, in Hz");
+  command->add_option("--show", options->show, "print the vortices of so many frames (default 3)");
+  command->callback([options] { replay(*options); });
+}
+
+}  // namespace curlew

@@ -1,0 +1,133 @@
+#include "service/daemon/control_socket.h"
+
+#include <poll.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <system_error>
+
+#include "core/error.h"
+
+namespace curlew {
+namespace {
+
+constexpr std::chrono::milliseconds kPatience{2000};  // with somebody who has connected
+
+sockaddr_un address_of(const std::string& path) {
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (path.size() >= sizeof address.sun_path)
+    throw UsageError("the control socket's path is too long, at most 107 characters: " + path);
+  std::memcpy(address.sun_path, path.c_str(), path.size() + 1);
+  return address;
+}
+
+/// A descriptor that closes itself.
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  ~Descriptor() {
+    if (fd_ >= 0) close(fd_);
+  }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  int fd() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+std::string last_error() { return std::error_code(errno, std::generic_category()).message(); }
+
+int new_socket() { return socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0); }
+
+bool connects(int fd, const sockaddr_un& address) {
+  return connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
+}
+
+bool readable(int fd, int timeout_ms) {
+  pollfd wanted{fd, POLLIN, 0};
+  return poll(&wanted, 1, timeout_ms) == 1;
+}
+
+/// Up to the end of the line, or what came before patience ended, also with one who dribbles.
+std::string read_line(int fd) {
+  using Clock = std::chrono::steady_clock;
+  const auto end = Clock::now() + kPatience;
+  const auto left_ms = [&] {
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - Clock::now());
+    return static_cast<int>(std::max<std::chrono::milliseconds::rep>(0, left.count()));
+  };
+  std::string line;
+  std::array<char, 512> bytes{};
+  while (line.find('\n') == std::string::npos && line.size() < 65536 && readable(fd, left_ms())) {
+    const ssize_t count = recv(fd, bytes.data(), bytes.size(), 0);
+    if (count <= 0) break;
+    line.append(bytes.data(), static_cast<std::size_t>(count));
+  }
+  return line.substr(0, line.find('\n'));
+}
+
+void write_line(int fd, std::string line) {
+  line += '\n';
+  std::size_t sent = 0;
+  while (sent < line.size()) {
+    const ssize_t count = send(fd, line.data() + sent, line.size() - sent, MSG_NOSIGNAL);
+    if (count <= 0) return;
+    sent += static_cast<std::size_t>(count);
+  }
+}
+
+}  // namespace
+
+ControlSocket::ControlSocket(const std::string& path) : path_(path) {
+  const sockaddr_un address = address_of(path);
+  {
+    const Descriptor probe(new_socket());
+    if (connects(probe.fd(), address))
+      throw Failure("another curlew listens at " + path + ", give this one another control socket");
+    // Whatever is no socket refuses as well, and is somebody's file.
+    struct stat left_behind {};
+    if (errno == ECONNREFUSED && lstat(path.c_str(), &left_behind) == 0 &&
+        S_ISSOCK(left_behind.st_mode))
+      unlink(path.c_str());
+  }
+  listening_ = new_socket();
+  if (bind(listening_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0 ||
+      chmod(path.c_str(), 0660) != 0 || listen(listening_, 4) != 0) {
+    const std::string reason = last_error();
+    close(listening_);
+    throw Failure("the control socket " + path + " cannot be made: " + reason);
+  }
+}
+
+ControlSocket::~ControlSocket() {
+  close(listening_);
+  unlink(path_.c_str());
+}
+
+void ControlSocket::serve(int timeout_ms,
+                          const std::function<std::string(const std::string&)>& answer) const {
+  if (!readable(listening_, timeout_ms)) return;
+  const Descriptor peer(accept4(listening_, nullptr, nullptr, SOCK_CLOEXEC));
+  if (peer.fd() >= 0) write_line(peer.fd(), answer(read_line(peer.fd())));
+}
+
+std::string ask_daemon(const std::string& path, const std::string& word) {
+  const Descriptor peer(new_socket());
+  if (!connects(peer.fd(), address_of(path)))
+    throw Failure("no curlew listens at " + path + ": " + last_error());
+  write_line(peer.fd(), word);
+  std::string answer = read_line(peer.fd());
+  if (answer.empty()) throw Failure("the curlew at " + path + " does not answer");
+  return answer;
+}
+
+}  // namespace curlew

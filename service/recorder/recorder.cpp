@@ -1,0 +1,190 @@
+#include "service/recorder/recorder.h"
+
+#include <fmt/format.h>
+#include <pthread.h>
+#include <sched.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstring>
+#include <deque>
+#include <mutex>
+#include <utility>
+
+#include "service/recorder/recorder_files.h"
+
+namespace curlew {
+namespace {
+
+using std::chrono::steady_clock;
+
+constexpr std::int64_t kWaitTime_us = 100'000;
+constexpr std::size_t kMinItems = 4;
+
+std::size_t item_count(const RecorderOptions& options, const FrameFormat& format) {
+  const std::size_t bytes = static_cast<std::size_t>(options.memory_mb) * 1'000'000;
+  return std::max(kMinItems, bytes / std::max<std::size_t>(1, format.bytes()));
+}
+
+steady_clock::duration seconds(double s) {
+  return std::chrono::duration_cast<steady_clock::duration>(std::chrono::duration<double>(s));
+}
+
+// An ordinary thread that yields to the others, whoever began it.
+void become_polite() {
+  constexpr int kNice = 5;
+  pthread_setname_np(pthread_self(), "recorder");
+  const sched_param none{};
+  sched_setscheduler(0, SCHED_OTHER, &none);
+  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), kNice);
+}
+
+}  // namespace
+
+struct Recorder::Item {
+  explicit Item(const FrameFormat& format) : frame(format) {}
+  FrameBuffer frame;
+  bool is_trigger = false;
+};
+
+/// What the recorder's thread does with the items.
+class Recorder::Writer {
+ public:
+  Writer(SideQueue<Item>& queue, const RecorderOptions& options, const FrameFormat& format,
+         const Optics& optics, const Detector& detector,
+         const std::function<void(const std::string&)>& log)
+      : queue_(queue),
+        options_(options),
+        before_(seconds(options.before_s)),
+        after_(seconds(options.after_s)),
+        max_kept_(queue.items() - std::max<std::size_t>(2, queue.items() / 8)),
+        log_(log),
+        files_(options, format, optics, detector, log) {}
+
+  void run() {
+    become_polite();
+    Item* item = nullptr;
+    while (true) {
+      if (queue_.take_for(item, kWaitTime_us)) {
+        handle(item);
+      } else if (queue_.ended()) {
+        break;
+      }
+      files_.commit_if_due();
+    }
+    files_.end_file();
+  }
+
+  RecorderCounts counts() const { return files_.counts(); }
+
+ private:
+  void handle(Item* item) {
+    if (options_.mode == RecordMode::kContinuous) {
+      write(item);
+      return;
+    }
+    const auto time = item->frame.header.received;
+    const bool recording = time <= until_;
+    if (!recording) files_.end_file();
+    if (!recording && !item->is_trigger) {
+      keep(item);
+      return;
+    }
+    if (item->is_trigger) {
+      until_ = time + after_;
+      forget_before(time - before_);
+      for (Item* kept : kept_) write(kept);
+      kept_.clear();
+    }
+    write(item);
+  }
+
+  void write(Item* item) {
+    files_.write(item->frame);
+    queue_.give_back(item);
+  }
+
+  void keep(Item* item) {
+    const auto time = item->frame.header.received;
+    kept_.push_back(item);
+    forget_before(time - before_);
+    if (kept_.size() <= max_kept_) return;
+    forget_oldest();
+    if (std::exchange(has_told_of_memory_, true)) return;
+    const std::chrono::duration<double> held = time - kept_.front()->frame.header.received;
+    log_(
+        fmt::format("recorder.memory_mb = {} holds {:.1f} s of the {:.1f} s before a trigger that "
+                    "recorder.before_s asks for",
+                    options_.memory_mb, held.count(), options_.before_s));
+  }
+
+  void forget_before(steady_clock::time_point time) {
+    while (!kept_.empty() && kept_.front()->frame.header.received < time) forget_oldest();
+  }
+
+  void forget_oldest() {
+    queue_.give_back(kept_.front());
+    kept_.pop_front();
+  }
+
+  SideQueue<Item>& queue_;
+  RecorderOptions options_;
+  steady_clock::duration before_;
+  steady_clock::duration after_;
+  std::size_t max_kept_;  ///< items, so that some are always free for new frames
+  std::function<void(const std::string&)> log_;
+  RecorderFiles files_;
+  std::deque<Item*> kept_;  ///< the last frames before a trigger, oldest first
+  steady_clock::time_point until_ = steady_clock::time_point::min();  ///< the event's end
+  bool has_told_of_memory_ = false;
+};
+
+Recorder::Recorder(const RecorderOptions& options, const FrameFormat& format, const Optics& optics,
+                   const Detector& detector, std::function<void(const std::string&)> log)
+    : trigger_on_vortex_(options.mode == RecordMode::kTrigger && options.trigger_on_vortex) {
+  if (options.mode == RecordMode::kOff) return;
+  queue_ = std::make_unique<SideQueue<Item>>(item_count(options, format),
+                                             [&] { return std::make_unique<Item>(format); });
+  const auto mutex = std::make_shared<std::mutex>();  // the compressor logs as well
+  writer_ = std::make_unique<Writer>(*queue_, options, format, optics, detector,
+                                     [mutex, log = std::move(log)](const std::string& sentence) {
+                                       const std::lock_guard lock(*mutex);
+                                       log(sentence);
+                                     });
+  thread_ = std::thread([this] { writer_->run(); });
+}
+
+Recorder::~Recorder() { finish(); }
+
+RecorderCounts Recorder::finish() {
+  if (thread_.joinable()) {
+    queue_->close();
+    thread_.join();
+  }
+  return counts();
+}
+
+void Recorder::add(const FrameBuffer& frame, bool has_vortex) noexcept {
+  if (!queue_) return;
+  Item* item = queue_->claim();
+  if (item == nullptr) return;
+  std::memcpy(item->frame.data(), frame.view().pixels, frame.format().bytes());
+  item->frame.header = frame.header;
+  item->is_trigger = (triggered_.load(std::memory_order_relaxed) &&
+                      triggered_.exchange(false, std::memory_order_relaxed)) ||
+                     (trigger_on_vortex_ && has_vortex);
+  queue_->send(item);
+}
+
+void Recorder::trigger() noexcept { triggered_.store(true, std::memory_order_relaxed); }
+
+RecorderCounts Recorder::counts() const {
+  if (!queue_) return {};
+  RecorderCounts counts = writer_->counts();
+  counts.dropped += queue_->dropped();
+  return counts;
+}
+
+}  // namespace curlew

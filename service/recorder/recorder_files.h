@@ -1,0 +1,78 @@
+// RecorderFiles: the recorder's frames into one file after the other, within the disk's limits.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "acquisition/recording/growing_recording.h"
+#include "core/frame.h"
+#include "core/optics.h"
+#include "service/recorder/recorder.h"
+#include "service/recorder/recording_compressor.h"
+
+namespace curlew {
+
+/// Files are named by the UTC of their first frame: FOLDER/curlew-20261123T041500.123Z.fits. Never
+/// overwrites a file. Throws nothing after the constructor: what goes wrong is logged, once.
+///
+/// Stops before the disk has less than min_free_mb, and goes on once it has twice that and
+/// memory_mb more. A write error stops it for good. Either way the file is complete.
+class RecorderFiles {
+ public:
+  /// Failure where the folder cannot be written, or the frames are not in plain ADU.
+  RecorderFiles(RecorderOptions options, const FrameFormat& format, const Optics& optics,
+                const Detector& detector, std::function<void(const std::string&)> log);
+  ~RecorderFiles() { end_file(); }
+  RecorderFiles(const RecorderFiles&) = delete;
+  RecorderFiles& operator=(const RecorderFiles&) = delete;
+
+  /// Into the file, a new one where there is none or it is full.
+  void write(const FrameBuffer& frame) noexcept;
+
+  /// To be called several times a second: lets readers see the frames so far.
+  void commit_if_due() noexcept;
+
+  /// Completes the file, if there is one.
+  void end_file() noexcept;
+
+  /// Any thread. dropped: those that write() could not record.
+  RecorderCounts counts() const;
+
+ private:
+  template <typename Act>
+  void or_fail(Act&& act) noexcept;
+  void begin_file(const FrameHeader& first);
+  bool file_is_full(const FrameHeader& next) const;
+  void commit();
+  void complete_file();
+  bool disk_has_room();
+  bool room_is_back();
+  void count_recorded();
+  void count_the_rest_dropped();
+
+  RecorderOptions options_;
+  FrameFormat format_;
+  Optics optics_;
+  Detector detector_;
+  std::function<void(const std::string&)> log_;
+  std::unique_ptr<RecordingCompressor> compressor_;
+
+  std::unique_ptr<GrowingRecording> file_;
+  std::chrono::steady_clock::time_point first_received_{};
+  std::chrono::steady_clock::time_point next_commit_{};
+  std::chrono::steady_clock::time_point next_look_{};  ///< at the disk, while stopped
+  bool failed_ = false;                                ///< stopped for good
+  std::int64_t given_ = 0;                             ///< frames, to write()
+  std::int64_t in_whole_files_ = 0;                    ///< frames recorded before this file
+
+  std::atomic<std::int64_t> recorded_{0};
+  std::atomic<std::int64_t> dropped_{0};
+  std::atomic<std::int64_t> files_{0};
+  std::atomic<bool> stopped_{false};
+};
+
+}  // namespace curlew

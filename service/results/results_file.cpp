@@ -1,0 +1,199 @@
+#include "service/results/results_file.h"
+
+#include <algorithm>
+#include <cctype>
+#include <limits>
+#include <span>
+
+#include "core/error.h"
+#include "service/program/version.h"
+
+namespace curlew {
+namespace {
+
+constexpr float kInvalid = std::numeric_limits<float>::quiet_NaN();
+
+template <typename Mask>
+void append_masked(std::vector<float>& plane, const Image<float>& values, const Mask& valid) {
+  for (std::size_t k = 0; k < values.size(); ++k) plane.push_back(valid(k) ? values[k] : kInvalid);
+}
+
+std::vector<float> lenslet_planes(const FrameSlot& slot,
+                                  std::initializer_list<const Image<float>*> images) {
+  std::vector<float> plane;
+  for (const Image<float>* image : images)
+    append_masked(plane, *image, [&](std::size_t k) { return slot.slopes.valid[k] != 0; });
+  return plane;
+}
+
+std::vector<float> slopes_plane(const FrameSlot& slot) {
+  return lenslet_planes(slot, {&slot.slopes.x, &slot.slopes.y});
+}
+std::vector<float> solenoidal_plane(const FrameSlot& slot) {
+  return lenslet_planes(slot, {&slot.split.solenoidal_x, &slot.split.solenoidal_y});
+}
+std::vector<float> phase_plane(const FrameSlot& slot) {
+  return lenslet_planes(slot, {&slot.split.phase});
+}
+std::vector<float> whole_phase_plane(const FrameSlot& slot) {
+  return lenslet_planes(slot, {&slot.whole_phase});
+}
+std::vector<float> flux_plane(const FrameSlot& slot) {
+  std::vector<float> plane;
+  append_masked(plane, slot.centroids.flux_adu,
+                [&](std::size_t k) { return slot.centroids.state[k] != LensletState::kUnlit; });
+  return plane;
+}
+std::vector<float> circulation_plane(const FrameSlot& slot) {
+  std::vector<float> plane;
+  append_masked(plane, slot.circulation.value,
+                [&](std::size_t k) { return slot.circulation.valid[k] != 0; });
+  return plane;
+}
+
+std::string upper(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+  return text;
+}
+
+std::vector<ColumnSpec> latency_columns() {
+  std::vector<ColumnSpec> columns{{"FRAME", 'K', ""}};
+  for (const Stage& stage : kStages) columns.push_back({upper(stage.name), 'E', "us"});
+  columns.push_back({"PUBLISH", 'E', "us"});
+  columns.push_back({"TOTAL", 'E', "us"});
+  return columns;
+}
+
+}  // namespace
+
+SaveOptions save_options_from(const std::vector<std::string>& words) {
+  SaveOptions save;
+  for (const std::string& word : words) {
+    if (word == "slopes") {
+      save.slopes = true;
+    } else if (word == "flux") {
+      save.flux = true;
+    } else if (word == "phase") {
+      save.phase = true;
+    } else if (word == "whole_phase") {
+      save.whole_phase = true;
+    } else if (word == "solenoidal") {
+      save.solenoidal = true;
+    } else if (word == "circulation") {
+      save.circulation = true;
+    } else {
+      throw UsageError("--save: '" + word +
+                       "' is none of slopes, flux, phase, whole_phase, solenoidal, circulation");
+    }
+  }
+  return save;
+}
+
+ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOptions& save,
+                         std::int64_t frames, const std::string& configuration_hash)
+    : file_(FitsFile::create(path)),
+      grid_(plan.grid),
+      frame_table_("FRAMES", {{"FRAME", 'K', ""},
+                              {"SEQUENCE", 'K', ""},
+                              {"CAMERA_NS", 'K', "ns"},
+                              {"RECEIVED_NS", 'K', "ns"},
+                              {"STATUS", 'J', ""},
+                              {"N_VALID", 'J', ""},
+                              {"N_VORTICES", 'J', ""},
+                              {"OVERFLOW", 'J', ""}}),
+      vortex_table_("VORTICES", {{"FRAME", 'K', ""},
+                                 {"X", 'D', ""},
+                                 {"Y", 'D', ""},
+                                 {"CHARGE", 'J', ""},
+                                 {"CIRCULATION", 'D', "rad"},
+                                 {"SIGNIFICANCE", 'D', ""},
+                                 {"X_PX", 'D', "pix"},
+                                 {"Y_PX", 'D', "pix"},
+                                 {"FLAGS", 'J', ""},
+                                 {"TRACK", 'K', ""},
+                                 {"PROBABILITY", 'D', ""},
+                                 {"VAR_X", 'D', ""},
+                                 {"VAR_Y", 'D', ""},
+                                 {"COV_XY", 'D', ""},
+                                 {"VX", 'D', "s-1"},
+                                 {"VY", 'D', "s-1"}}),
+      hole_table_("HOLES", {{"FRAME", 'K', ""},
+                            {"HOLE", 'J', ""},
+                            {"CIRCULATION", 'D', "rad"},
+                            {"X", 'D', ""},
+                            {"Y", 'D', ""},
+                            {"ONE_SUBLATTICE", 'J', ""}}),
+      latency_table_("LATENCY", latency_columns()) {
+  file_.create_image(ElementType::kU8, {});
+  file_.write_key("CREATOR", std::string(kProgram));
+  file_.write_key("CONTENT", std::string("CURLEW RESULTS"));
+  file_.write_key("CONFHASH", configuration_hash, "hash of the configuration");
+  const auto add_cube = [&](bool wanted, const std::string& name, const std::string& unit,
+                            const std::vector<std::int64_t>& plane_shape,
+                            std::vector<float> (*plane)(const FrameSlot&)) {
+    if (!wanted) return;
+    Cube cube{static_cast<int>(cubes_.size()) + 1, 1, std::max<std::int64_t>(frames, 0), plane};
+    std::vector<std::int64_t> shape{cube.planes};
+    for (const std::int64_t n : plane_shape) {
+      cube.plane_elements *= n;
+      shape.push_back(n);
+    }
+    file_.create_image(ElementType::kF32, shape, name, unit);
+    cubes_.push_back(cube);
+  };
+  const int rows = grid_.rows;
+  const int cols = grid_.cols;
+  add_cube(save.slopes, "SLOPES", "rad", {2, rows, cols}, slopes_plane);
+  add_cube(save.flux, "FLUX", "adu", {rows, cols}, flux_plane);
+  add_cube(save.phase, "PHASE", "rad", {rows, cols}, phase_plane);
+  add_cube(save.whole_phase, "WHOLE_PHASE", "rad", {rows, cols}, whole_phase_plane);
+  add_cube(save.solenoidal, "SOLENOIDAL", "rad", {2, rows, cols}, solenoidal_plane);
+  add_cube(save.circulation, "CIRCULATION", "rad", {rows - 1, cols - 1}, circulation_plane);
+}
+
+void ResultsFile::add(const FrameSlot& slot) {
+  for (Cube& cube : cubes_) {
+    file_.select(cube.hdu);
+    if (frames_ >= cube.planes) file_.resize_planes(cube.planes = 2 * frames_ + 1);
+    file_.write_pixels<float>(frames_ * cube.plane_elements, cube.plane(slot));
+  }
+  ++frames_;
+  const std::int64_t frame = slot.frame_index;
+  const FrameHeader& header = slot.frame->header;
+  frame_table_.append(frame, header.sequence, header.camera_ns, header.received_ns, header.status,
+                      slot.slopes.n_valid, slot.vortices.size(), slot.vortices.overflow());
+  for (const Vortex& v : slot.vortices) {
+    const auto pixel = grid_.pixel_from_lenslet(static_cast<double>(v.x), static_cast<double>(v.y));
+    vortex_table_.append(frame, v.x, v.y, v.charge, v.circulation, v.significance, pixel[0],
+                         pixel[1], v.flags, v.track, v.probability, v.variance_x, v.variance_y,
+                         v.covariance_xy, v.velocity_x, v.velocity_y);
+  }
+  for (std::size_t hole = 0; hole < slot.split.holes.size(); ++hole) {
+    const HoleCirculation& h = slot.split.holes[hole];
+    hole_table_.append(frame, hole, h.circulation, h.x, h.y, h.one_sublattice ? 1 : 0);
+  }
+}
+
+void ResultsFile::add_latency(const FrameSlot& slot) {
+  const auto us = [](std::int64_t ns) { return static_cast<double>(ns) * 1e-3; };
+  std::size_t column = 0;
+  latency_table_.put(column++, slot.frame_index);
+  for (const std::int64_t ns : slot.latency.stage_ns) latency_table_.put(column++, us(ns));
+  latency_table_.put(column++, us(slot.latency.publish_ns));
+  latency_table_.put(column++, us(slot.latency.total_ns));
+}
+
+void ResultsFile::commit() {
+  for (const Cube& cube : cubes_) {
+    file_.select(cube.hdu);
+    if (cube.planes != frames_) file_.resize_planes(frames_);
+  }
+  frame_table_.write(file_);
+  vortex_table_.write(file_);
+  hole_table_.write(file_);
+  latency_table_.write(file_);
+  file_.commit();
+}
+
+}  // namespace curlew

@@ -1,0 +1,93 @@
+#include "service/results/vortex_printer.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <cmath>
+#include <vector>
+
+namespace curlew {
+namespace {
+
+std::size_t index(int i) { return static_cast<std::size_t>(i); }
+
+double square_distance(const Vortex& found, const TruthVortex& truth) {
+  const double dx = static_cast<double>(found.x) - truth.x;
+  const double dy = static_cast<double>(found.y) - truth.y;
+  return dx * dx + dy * dy;
+}
+
+}  // namespace
+
+void VortexPrinter::add(const FrameSlot& slot) {
+  const std::span<const Vortex> found(slot.vortices.begin(), slot.vortices.end());
+  const auto truth = truth_.of_frame(slot.frame_index);
+  const TruthMatch match = match_truth(found, truth);
+  std::vector<SceneVortex> scene;
+  for (const TruthVortex& vortex : truth)
+    scene.push_back({.x = vortex.x, .y = vortex.y, .charge = vortex.charge});
+  const std::vector<GradedVortex> graded = grade_vortices(scene);
+  true_ += static_cast<std::int64_t>(truth.size());
+  for (const GradedVortex& vortex : graded) required_ += vortex.required ? 1 : 0;
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    const int j = match.truth_of_found[i];
+    if (j >= 0 && graded[index(j)].required) {
+      ++hits_;
+      square_error_ += square_distance(found[i], truth[index(j)]);
+    } else if (j < 0 && found[i].charge != 0) {
+      ++false_;
+    }
+  }
+  if (found.empty() && truth.empty()) return;
+  if (shown_++ < show_) print(slot.frame_index, found, truth, match);
+}
+
+void VortexPrinter::summarize() const {
+  if (shown_ > show_)
+    fmt::print("… and {} more frames with vortices (--show, --jsonl or --out for all)\n",
+               shown_ - show_);
+  if (!truth_.known()) return;
+  fmt::print("against the truth: {} of {} found within {} pitch, {} false", hits_, required_,
+             kHitRadius, false_);
+  if (hits_ > 0)
+    fmt::print(", rms distance {:.3f} pitch",
+               std::sqrt(square_error_ / static_cast<double>(hits_)));
+  if (true_ > required_)
+    fmt::print("; {} more are in opposite pairs closer than {} pitch, and do not count",
+               true_ - required_, kClosestRequiredPair);
+  fmt::print("\n");
+}
+
+void VortexPrinter::print(std::int64_t frame, std::span<const Vortex> found,
+                          std::span<const TruthVortex> truth, const TruthMatch& match) const {
+  if (shown_ == 1) {
+    fmt::print("{:>6} {:>7} {:>8} {:>8} {:>9} {:>8}", "frame", "charge", "x", "y", "D rad",
+               "D/sigma");
+    if (show_probability_) fmt::print(" {:>6}", "p");
+    if (show_track_) fmt::print(" {:>6}", "track");
+    if (truth_.known()) fmt::print("   {:>8} {:>8}", "true x", "true y");
+    fmt::print("\n");
+  }
+  std::vector<bool> seen(truth.size(), false);
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    const Vortex& v = found[i];
+    fmt::print("{:>6} {:>7} {:>8.3f} {:>8.3f} {:>+9.3f} {:>8.1f}", frame,
+               v.charge == 0 ? "pair" : fmt::format("{:+}", v.charge), v.x, v.y, v.circulation,
+               v.significance);
+    if (show_probability_) fmt::print(" {:>6.3f}", v.probability);
+    if (show_track_) fmt::print(" {:>6}", v.track);
+    const int j = match.truth_of_found[i];
+    if (j >= 0) {
+      seen[index(j)] = true;
+      fmt::print("   {:>8.3f} {:>8.3f}", truth[index(j)].x, truth[index(j)].y);
+    } else if (truth_.known() && v.charge != 0) {
+      fmt::print("   false");
+    }
+    fmt::print("\n");
+  }
+  for (std::size_t j = 0; j < truth.size(); ++j)
+    if (!seen[j])
+      fmt::print("{:>6} {:>+7} {:>{}} {:>8.3f} {:>8.3f}\n", frame, truth[j].charge, "missed",
+                 46 + (show_probability_ ? 7 : 0) + (show_track_ ? 7 : 0), truth[j].x, truth[j].y);
+}
+
+}  // namespace curlew

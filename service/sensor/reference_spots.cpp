@@ -1,0 +1,82 @@
+#include "service/sensor/reference_spots.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <array>
+#include <vector>
+
+#include "core/error.h"
+#include "service/program/interrupt.h"
+#include "service/program/progress.h"
+
+namespace curlew {
+namespace {
+
+constexpr std::size_t kStates = 6;  // of LensletState
+constexpr std::array<const char*, kStates> kReasons = {
+    "", "unlit", "too faint", "saturated", "at their window's edge", "on bad pixels"};
+
+struct Sums {
+  double x = 0.0;
+  double y = 0.0;
+  double flux = 0.0;
+  std::array<int, kStates> states{};
+};
+
+}  // namespace
+
+ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptions& options,
+                                        Sensor& sensor) {
+  const CentroidPlan plan(sensor, source.format(), options);
+  FrameBuffer frame(source.format());
+  Centroids centroids(sensor.grid.rows, sensor.grid.cols);
+  std::vector<Sums> sums(sensor.valid.size());
+  int frames = 0;
+  Progress progress("calibrate", source.frame_count());
+  while (!interrupted() && source.next(frame) == Delivery::kFrame) {
+    find_centroids(plan, frame.view(), centroids);
+    ++frames;
+    progress.step();
+    for (std::size_t k = 0; k < sums.size(); ++k) {
+      ++sums[k].states[static_cast<std::size_t>(centroids.state[k])];
+      if (centroids.state[k] != LensletState::kValid) continue;
+      sums[k].x += static_cast<double>(centroids.x_px[k]);
+      sums[k].y += static_cast<double>(centroids.y_px[k]);
+      sums[k].flux += static_cast<double>(centroids.flux_adu[k]);
+    }
+  }
+
+  if (interrupted()) throw Failure("interrupted, no sensor file was written");
+  ReferenceReport report;
+  std::array<int, kStates> reasons{};
+  int left = 0;
+  for (std::size_t k = 0; k < sums.size(); ++k) {
+    if (sensor.valid[k] == 0) continue;
+    const int n = sums[k].states[0];
+    if (n > 0 && 2 * n >= frames) {
+      ++left;
+      sensor.ref_x_px[k] = static_cast<float>(sums[k].x / n);
+      sensor.ref_y_px[k] = static_cast<float>(sums[k].y / n);
+      sensor.flux_adu[k] = static_cast<float>(sums[k].flux / n);
+      continue;
+    }
+    const auto& states = sums[k].states;
+    const auto worst = std::max_element(states.begin() + 1, states.end()) - states.begin();
+    ++reasons[static_cast<std::size_t>(worst)];
+    ++report.dropped;
+    drop_lenslet(sensor, k);
+  }
+  for (std::size_t i = 1; i < kStates; ++i)
+    if (reasons[i] > 0)
+      report.text +=
+          fmt::format("{}{} {}", report.text.empty() ? "" : ", ", reasons[i], kReasons[i]);
+  if (left == 0)
+    throw Failure(fmt::format(
+        "no lenslet of the reference can be measured ({}): check exposure and thresholds",
+        report.text));
+  if (report.dropped > 0) report.text = "spots left out: " + report.text;
+  return report;
+}
+
+}  // namespace curlew

@@ -1,0 +1,52 @@
+// Trains the vortex classifier on simulated turbulence; the same options give the same weights.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "detect/classifier/classifier_network.h"
+#include "service/bench/detection_dataset.h"
+
+namespace curlew {
+
+struct TrainingOptions {
+  int fields = 800;           ///< training realisations: of five Rytov variances and ten geometries
+  int validation_fields = 8;  ///< for each of the Rytov variances 1, 2 and 4
+  int validation_lenslets = 60;  ///< along a side of these
+  int steps = 60000;
+  int batch = 512;  ///< nodes a step
+  double learning_rate = 2e-3;
+  std::uint64_t seed = 1;
+  int threads = 1;  ///< that simulate fields; training itself takes one
+};
+
+/// How good a network is on validation fields, behind one turbulence and at one flux.
+struct ValidationScore {
+  double rytov_variance = 0.0;
+  double photons = 0.0;
+  double average_precision = 0.0;
+  double f1 = 0.0;
+  double rms = 0.0;
+};
+
+struct TrainingReport {
+  ClassifierNetwork network;  ///< the best of those tried on the validation subset
+  std::vector<ValidationScore> validation;
+  double simulating_s = 0.0;
+  double measuring_s = 0.0;
+  double training_s = 0.0;
+  double validating_s = 0.0;
+  double scouting_s = 0.0;
+};
+
+/// log gets a line now and then. Throws what simulation throws, and what `log` does.
+TrainingReport train_vortex_classifier(const TrainingOptions& options,
+                                       const RealisationCache& cache,
+                                       const std::function<void(const std::string&)>& log);
+
+/// The file that is compiled in: a comment, then all numbers.
+std::string weights_text(const TrainingReport& report, const std::string& command);
+
+}  // namespace curlew

@@ -1,0 +1,60 @@
+// What a simulated field teaches the vortex classifier: labels of its nodes, features of its spots.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "acquisition/simulator/random_stream.h"
+#include "core/image.h"
+#include "service/bench/detection_dataset.h"
+#include "service/bench/detection_score.h"
+
+namespace curlew {
+
+/// What is to be said of a node and a kind of vortex.
+struct Label {
+  float present = 0;  ///< 1: one within kHitRadius
+  float weight = 1;   ///< 0: neither here nor there
+  float dx = 0;
+  float dy = 0;
+};
+/// Of required vortices of charge +1, of −1, of the middles of unresolved pairs.
+using NodeLabel = std::array<Label, 3>;
+
+/// Two opposite vortices that grade_vortices removes as a pair.
+struct UnresolvedPair {
+  double x = 0.0;  ///< the middle, lenslet units
+  double y = 0.0;
+  double separation = 0.0;
+  bool clear = true;  ///< kFaintestPair apart or more, no required vortex within kHitRadius
+};
+/// Pairs nearer each other leave hardly a trace, pitches.
+inline constexpr double kFaintestPair = 0.3;
+std::vector<UnresolvedPair> unresolved_pairs(const std::vector<GradedVortex>& graded);
+
+struct TrainingField {
+  FieldParameters parameters;
+  Image<float> light;
+  Image<NodeLabel> labels;
+  Image<std::uint8_t> near_vortex;
+};
+
+/// The parameters of training realisation `index`: of five Rytov variances and ten geometries.
+FieldParameters training_field(int index);
+
+/// Labels of the field's nodes, [rows − 1, cols − 1].
+Image<NodeLabel> label_nodes(const FieldParameters& p, const std::vector<GradedVortex>& truth);
+
+TrainingField make_training_field(const FieldParameters& p, Realisation realisation);
+
+/// Features of every lenslet of one exposure.
+struct Exposure {
+  int field = 0;
+  Image<float> features;  // [rows, cols·kSpotFeatures]
+};
+
+/// Draws the field's noise and measures its spots. photons infinite: no noise.
+void measure(const TrainingField& field, double photons, RandomStream& random, Exposure& exposure);
+
+}  // namespace curlew

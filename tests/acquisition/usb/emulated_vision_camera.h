@@ -1,0 +1,44 @@
+// A USB3 Vision camera that is not there: registers, a GenICam description, a stream of Mono16.
+#pragma once
+
+#include <cstdint>
+#include <mutex>
+#include <span>
+#include <string>
+
+#include "tests/acquisition/usb/emulated_usb.h"
+
+namespace curlew {
+
+class EmulatedVisionCamera : public EmulatedUsbDevice {
+ public:
+  EmulatedVisionCamera(int rows, int cols);
+  ~EmulatedVisionCamera() override;
+
+  static constexpr const char* kVendor = "Curlew Works";
+  static constexpr const char* kModel = "Vision 1";
+  static constexpr const char* kSerial = "V0001";
+
+  /// The host has started the acquisition and enabled the stream.
+  bool acquiring() const;
+  bool wait_until_acquiring() const;  ///< false where it did not within 10 s
+
+  /// Leader, payload and trailer; false where it is not plugged in.
+  bool send_frame(std::uint64_t id, std::span<const std::uint16_t> pixels);
+  /// The leader and the first bytes of the payload.
+  bool send_part_of_frame(std::uint64_t id, std::span<const std::uint16_t> pixels,
+                          std::size_t bytes);
+
+ protected:
+  void received(int endpoint, const Bytes& bytes) override;
+
+ private:
+  bool send_leader(std::uint64_t id);
+
+  int rows_;
+  int cols_;
+  mutable std::mutex memory_mutex_;
+  Bytes memory_;  ///< all registers, and the GenICam description
+};
+
+}  // namespace curlew

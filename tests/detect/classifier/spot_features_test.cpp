@@ -1,0 +1,125 @@
+#include "detect/classifier/spot_features.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "acquisition/simulator/random_stream.h"
+#include "service/spot_camera.h"
+
+namespace curlew {
+namespace {
+
+constexpr std::uint64_t kSeed = 20260731;
+
+/// Windows of every size that fill a frame of 96 × 97 pixels to its last one, their references off
+/// the pixels' centres, and one lenslet missing.
+SpotCamera camera_of_test(double pixels_per_lambda_w) {
+  constexpr std::array<int, 8> kSides{4, 6, 7, 8, 9, 12, 20, 30};
+  SpotCamera camera;
+  camera.windows = Image<SpotWindow>(kSides.size(), kSides.size());
+  int y = 0;
+  for (int row = 0; row < camera.windows.rows(); ++row) {
+    const int h = kSides[static_cast<std::size_t>(row)];
+    int x = 1;
+    for (int col = 0; col < camera.windows.cols(); ++col) {
+      const int w = kSides[static_cast<std::size_t>(col)];
+      camera.windows(row, col) = {x,
+                                  y,
+                                  w,
+                                  h,
+                                  static_cast<float>(x) + 0.5F * static_cast<float>(w) - 0.31F,
+                                  static_cast<float>(y) + 0.5F * static_cast<float>(h) - 0.77F};
+      x += w;
+    }
+    y += h;
+  }
+  camera.windows(2, 3) = {};
+  camera.pixels_per_lambda_w = pixels_per_lambda_w;
+  camera.rows_run_up = true;
+  camera.background_adu = 100.0;
+  camera.e_per_adu = 0.25;
+  camera.read_noise_e = 1.0;
+  return camera;
+}
+
+FrameFormat format_of_test(PixelType type) {
+  FrameFormat format;
+  format.rows = 96;
+  format.cols = 97;
+  format.pixel_type = type;
+  return format;
+}
+
+void expect_many_equal_one(const SpotCamera& camera, PixelType type) {
+  const FrameFormat format = format_of_test(type);
+  const SpotFeatures features(camera, format);
+  RandomStream random(kSeed, 0);
+  FrameBuffer frame(format);
+  for (std::size_t i = 0; i < format.pixels(); ++i) {
+    const double count = 100.0 + 100.0 * random.uniform();
+    if (type == PixelType::kU16) {
+      reinterpret_cast<std::uint16_t*>(frame.data())[i] = static_cast<std::uint16_t>(count * 50.0);
+    } else {
+      reinterpret_cast<std::uint8_t*>(frame.data())[i] = static_cast<std::uint8_t>(count);
+    }
+  }
+  std::vector<std::int32_t> lenslets;
+  std::vector<float> flux;
+  for (std::size_t k = 0; k < features.lenslet_count(); ++k) {
+    flux.push_back(static_cast<float>(1000.0 * random.uniform()));
+    lenslets.push_back(static_cast<std::int32_t>(k));  // those that are missing too
+  }
+  ASSERT_EQ(lenslets.size(), 64U);
+  std::vector<float> many(lenslets.size() * kSpotFeatures + kProjectionSlack);
+  features.measure_many(frame.view(), lenslets.data(), static_cast<int>(lenslets.size()),
+                        flux.data(), 500.0F, many.data());
+  std::array<float, kSpotFeatures> one{};
+  for (std::size_t i = 0; i < lenslets.size(); ++i) {
+    const auto k = static_cast<std::size_t>(lenslets[i]);
+    features.measure(frame.view(), k, flux[k], 500.0F, one.data());
+    for (std::size_t f = 0; f < kSpotFeatures; ++f) {
+      // Both are sums of a window's pixels, all positive, over their sum: a few roundings of 1.
+      EXPECT_NEAR(many[i * kSpotFeatures + static_cast<std::size_t>(kMeasuredPlaces[f])], one[f],
+                  3e-6F * std::max(1.0F, std::abs(one[f])))
+          << "lenslet " << k << ", feature " << f << ", seed " << kSeed;
+    }
+  }
+}
+
+TEST(SpotFeatures, ManyAreAsOne) {
+  for (const double scale : {2.0, 3.0, 9.0}) {
+    expect_many_equal_one(camera_of_test(scale), PixelType::kU16);
+    expect_many_equal_one(camera_of_test(scale), PixelType::kU8);
+  }
+}
+
+TEST(SpotFeatures, ManyAreAsOneWithDarkAndResponse) {
+  SpotCamera camera = camera_of_test(3.0);
+  RandomStream random(kSeed, 1);
+  camera.dark_adu = Image<float>(96, 97);
+  camera.response = Image<float>(96, 97);
+  for (std::size_t i = 0; i < camera.dark_adu.size(); ++i) {
+    camera.dark_adu[i] = static_cast<float>(90.0 * random.uniform());
+    camera.response[i] = static_cast<float>(random.uniform() < 0.05 ? 0.0 : 0.5 + random.uniform());
+  }
+  expect_many_equal_one(camera, PixelType::kU16);
+}
+
+TEST(SpotFeatures, EveryPlaceIsTakenOnce) {
+  std::vector<bool> taken(kSpotFeatures, false);
+  for (const int place : kMeasuredPlaces) {
+    ASSERT_GE(place, 0);
+    ASSERT_LT(place, kSpotFeatures);
+    EXPECT_FALSE(taken[static_cast<std::size_t>(place)]);
+    taken[static_cast<std::size_t>(place)] = true;
+  }
+}
+
+}  // namespace
+}  // namespace curlew

@@ -1,0 +1,146 @@
+// The daemon in this process, on cameras that need no hardware: what it does at the edges.
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <cstring>
+#include <filesystem>
+#include <thread>
+
+#include "acquisition/recording/recording.h"
+#include "acquisition/simulator/simulator.h"
+#include "service/daemon/daemon.h"
+#include "service/sensor/sensor_file.h"
+#include "tests/support/exact_sensor.h"
+#include "tests/support/failure_text.h"
+#include "tests/support/scratch_directory.h"
+
+namespace curlew {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr std::int64_t kFrames = 4;
+constexpr int kWindow = 8;
+
+SimulatorOptions few_frames() {
+  SimulatorOptions options;
+  options.rows = options.cols = 8;
+  options.window_px = kWindow;
+  options.frames = kFrames;
+  return options;
+}
+
+/// A recording of few frames and a sensor that fits it.
+class EdgeOfDaemon : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    Simulator simulator(few_frames());
+    RecordingWriter writer(recording_, simulator.format(), simulator.optics(), simulator.detector(),
+                           "test");
+    FrameBuffer frame(simulator.format());
+    while (simulator.next(frame) == Delivery::kFrame) writer.append(frame.view(), frame.header);
+    writer.commit();
+    write_sensor(sensor_, sensor_of(simulator, kWindow, 0.0));
+  }
+  Config config() const {
+    Config config;
+    config.camera.source = "file:" + recording_;
+    config.camera.frame_rate_hz = 20.0;
+    config.daemon.sensor = sensor_;
+    return config;
+  }
+
+  ScratchDirectory folder_;
+  const std::string recording_ = folder_ / "frames.fits";
+  const std::string sensor_ = folder_ / "sensor.fits";
+};
+
+TEST_F(EdgeOfDaemon, ARecordingPlayedSlowerThanTheTimeoutIsNotLost) {
+  Config slow = config();
+  slow.camera.timeout_s = 0.02;
+  DaemonLimits limits;
+  limits.seconds = 20.0;  // not reached
+  Daemon daemon([&] { return slow; }, limits);
+  const DaemonReport report = daemon.run();
+  EXPECT_EQ(report.connections, 1);
+  EXPECT_EQ(report.frames.delivered, kFrames);
+  EXPECT_EQ(report.results.frames + report.superseded + report.unprocessed, kFrames);
+}
+
+TEST_F(EdgeOfDaemon, ARecordingThatCannotBeReadToItsEndIsAFailureAndNotBegunAgain) {
+  // Opened and read from, then cut in the middle of its last frame.
+  Config slow = config();
+  slow.camera.frame_rate_hz = 2.0;
+  DaemonLimits limits;
+  limits.seconds = 20.0;  // not reached
+  Daemon daemon([&] { return slow; }, limits);
+  std::thread cuts([&] {
+    std::this_thread::sleep_for(700ms);
+    std::filesystem::resize_file(recording_, 2880);
+  });
+  const std::string text = failure_text([&] { daemon.run(); });
+  cuts.join();
+  EXPECT_NE(text.find("frames.fits"), std::string::npos) << text;
+}
+
+TEST_F(EdgeOfDaemon, StatusIsAnsweredWhateverBytesTheCameraIsCalledBy) {
+  const std::string odd = folder_ / "\xff.fits";
+  std::filesystem::copy_file(recording_, odd);
+  Config socket = config();
+  socket.camera.source = "file:" + odd;
+  socket.camera.frame_rate_hz = 2.0;
+  socket.daemon.control = folder_ / "control";
+  Daemon daemon([&] { return socket; }, {});
+  std::string answer;
+  std::thread asks([&] {
+    // The reason of the state streaming holds the name.
+    for (int i = 0; i < 100 && answer.find("streaming") == std::string::npos; ++i) {
+      std::this_thread::sleep_for(10ms);
+      try {
+        answer = ask_daemon(socket.daemon.control, "status");
+      } catch (const Failure&) {  // ended
+        break;
+      }
+    }
+  });
+  daemon.run();
+  asks.join();
+  EXPECT_NE(answer.find("streaming"), std::string::npos) << answer;
+}
+
+TEST(ControlSocketEdge, AFileThatIsNoSocketStays) {
+  const ScratchDirectory folder;
+  const std::string path = folder / "notes.txt";
+  write_bytes(path, "precious");
+  EXPECT_THROW(ControlSocket socket(path), Failure);
+  EXPECT_EQ(read_bytes(path), "precious");
+}
+
+TEST(ControlSocketEdge, SomebodyWhoDribblesIsNotListenedToForEver) {
+  const ScratchDirectory folder;
+  ControlSocket control(folder / "control");
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  std::strcpy(address.sun_path, (folder / "control").c_str());
+  const int peer = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  ASSERT_EQ(connect(peer, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+  std::atomic<bool> served{false};
+  int sent = 0;
+  std::thread dribbles([&] {
+    while (!served && sent < 300) {  // 30 s
+      if (send(peer, "x", 1, MSG_NOSIGNAL) == 1) ++sent;
+      std::this_thread::sleep_for(100ms);
+    }
+  });
+  control.serve(1000, [](const std::string&) { return std::string("error: what?"); });
+  served = true;
+  dribbles.join();
+  close(peer);
+  EXPECT_GT(sent, 0);
+  EXPECT_LT(sent, 300);
+}
+
+}  // namespace
+}  // namespace curlew

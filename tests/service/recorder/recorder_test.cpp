@@ -1,0 +1,645 @@
+#include "service/recorder/recorder.h"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <random>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "acquisition/recording/fits_source.h"
+#include "tests/support/allocation_counter.h"
+#include "tests/support/failure_text.h"
+#include "tests/support/found_recordings.h"
+#include "tests/support/numbered_frames.h"
+#include "tests/support/scratch_directory.h"
+
+namespace curlew {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+
+FrameFormat format_of(int rows, int cols, PixelType type = PixelType::kU16) {
+  FrameFormat format;
+  format.rows = rows;
+  format.cols = cols;
+  format.pixel_type = type;
+  return format;
+}
+const FrameFormat kSmall = format_of(50, 100);  // 10 kB
+
+/// What the recorder said, from whichever thread.
+class Sentences {
+ public:
+  std::function<void(const std::string&)> log() {
+    return [this](const std::string& sentence) {
+      const std::lock_guard lock(mutex_);
+      all_.push_back(sentence);
+    };
+  }
+  std::vector<std::string> with(const std::string& part) const {
+    const std::lock_guard lock(mutex_);
+    std::vector<std::string> some;
+    for (const std::string& sentence : all_) {
+      if (sentence.find(part) != std::string::npos) some.push_back(sentence);
+    }
+    return some;
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::vector<std::string> all_;
+};
+
+/// Hands in numbered frames; those that shall not get lost one at a time, as fast as there is room.
+class Source {
+ public:
+  Source(Recorder& recorder, const FrameFormat& format) : recorder_(recorder), frame_(format) {}
+
+  void add(std::int64_t sequence, bool has_vortex = false) {
+    fill_numbered(frame_, sequence);
+    recorder_.add(frame_, has_vortex);
+    ++added_;
+  }
+  /// Frames from..to (to not included), waiting for the writer now and then.
+  void add_all(std::int64_t from, std::int64_t to) {
+    for (std::int64_t n = from; n < to; ++n) {
+      add(n);
+      if (n % 50 == 49) std::this_thread::sleep_for(2ms);
+    }
+  }
+  std::int64_t added() const { return added_; }
+
+ private:
+  Recorder& recorder_;
+  FrameBuffer frame_;
+  std::int64_t added_ = 0;
+};
+
+/// false where it did not come true in a minute.
+bool eventually(const std::function<bool()>& condition) {
+  for (int i = 0; i < 12000; ++i) {
+    if (condition()) return true;
+    std::this_thread::sleep_for(5ms);
+  }
+  return false;
+}
+
+/// All frames are either on disk or dropped, and none is on its way.
+bool settled(const Recorder& recorder, std::int64_t added) {
+  const RecorderCounts counts = recorder.counts();
+  return counts.recorded + counts.dropped == added;
+}
+
+/// The sequence numbers in each recording of a folder, by name; every pixel is checked.
+std::map<std::string, std::vector<std::int64_t>> recorded(const std::string& folder) {
+  std::map<std::string, std::vector<std::int64_t>> files;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    const std::string path = entry.path().string();
+    EXPECT_FALSE(path.ends_with(".partial")) << path;
+    FitsSource source({path});
+    FrameBuffer frame(source.format());
+    FrameBuffer expected(source.format());
+    std::vector<std::int64_t>& sequence = files[entry.path().filename().string()];
+    while (source.next(frame) == Delivery::kFrame) {
+      sequence.push_back(frame.header.sequence);
+      fill_numbered(expected, frame.header.sequence);
+      EXPECT_TRUE(is_numbered(frame, frame.header.sequence)) << path;
+      EXPECT_EQ(frame.header.camera_ns, expected.header.camera_ns) << path;
+      EXPECT_EQ(frame.header.received_ns, expected.header.received_ns) << path;
+      EXPECT_EQ(frame.header.status, expected.header.status) << path;
+    }
+  }
+  return files;
+}
+
+std::vector<std::int64_t> numbers(std::int64_t from, std::int64_t to) {  // to not included
+  std::vector<std::int64_t> all;
+  for (std::int64_t n = from; n < to; ++n) all.push_back(n);
+  return all;
+}
+
+/// The files' frames one after the other, in the order of their names.
+std::vector<std::int64_t> joined(const std::map<std::string, std::vector<std::int64_t>>& files) {
+  std::vector<std::int64_t> all;
+  for (const auto& [name, sequence] : files) {
+    all.insert(all.end(), sequence.begin(), sequence.end());
+  }
+  return all;
+}
+
+RecorderOptions options_for(const ScratchDirectory& scratch, RecordMode mode) {
+  RecorderOptions options;
+  options.mode = mode;
+  options.folder = scratch.path();
+  options.memory_mb = 20;  // 2000 small frames
+  options.min_free_mb = 1;
+  return options;
+}
+
+TEST(Recorder, RecordsEveryFrameAndNamesTheFileByItsFirst) {
+  for (const PixelType type : {PixelType::kU8, PixelType::kU16}) {
+    const ScratchDirectory scratch;
+    const FrameFormat format = format_of(50, 100, type);
+    Sentences said;
+    {
+      Recorder recorder(options_for(scratch, RecordMode::kContinuous), format, Optics{}, Detector{},
+                        said.log());
+      Source source(recorder, format);
+      source.add_all(7, 1000);
+      ASSERT_TRUE(eventually([&] { return settled(recorder, source.added()); }));
+      EXPECT_EQ(recorder.counts().dropped, 0);
+      EXPECT_EQ(recorder.counts().files, 1);
+      EXPECT_FALSE(recorder.counts().stopped);
+    }
+    const auto files = recorded(scratch.path());
+    ASSERT_EQ(files.size(), 1U);
+    // 1 800 000 000.007 s since 1970.
+    EXPECT_EQ(files.begin()->first, "curlew-20270115T080000.007Z.fits");
+    EXPECT_EQ(files.begin()->second, numbers(7, 1000));
+    EXPECT_EQ(said.with("curlew-20270115T080000.007Z.fits is complete: 993 frames").size(), 1U);
+  }
+}
+
+TEST(Recorder, NeverOverwritesAFile) {
+  const ScratchDirectory scratch;
+  for (int run = 0; run < 3; ++run) {
+    Sentences said;
+    Recorder recorder(options_for(scratch, RecordMode::kContinuous), kSmall, Optics{}, Detector{},
+                      said.log());
+    Source(recorder, kSmall).add_all(0, 10 + run);
+  }
+  const auto files = recorded(scratch.path());
+  ASSERT_EQ(files.size(), 3U);
+  EXPECT_EQ(files.at("curlew-20270115T080000.000Z.fits"), numbers(0, 10));
+  EXPECT_EQ(files.at("curlew-20270115T080000.000Z-2.fits"), numbers(0, 11));
+  EXPECT_EQ(files.at("curlew-20270115T080000.000Z-3.fits"), numbers(0, 12));
+}
+
+TEST(Recorder, LosesNothingBetweenFiles) {
+  for (const bool by_size : {false, true}) {
+    const ScratchDirectory scratch;
+    RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
+    if (by_size) {
+      options.max_file_mb = 2;  // a bit less than 200 frames
+    } else {
+      options.max_file_s = 0.1;  // 100 frames
+    }
+    Sentences said;
+    {
+      Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+      Source(recorder, kSmall).add_all(0, 1050);
+    }
+    const auto files = recorded(scratch.path());
+    EXPECT_EQ(joined(files), numbers(0, 1050));
+    EXPECT_EQ(files.size(), by_size ? 6U : 11U);
+    for (const auto& [name, sequence] : files) {
+      EXPECT_LE(fs::file_size(scratch / name), 2'000'000U);
+      EXPECT_LE(sequence.size(), by_size ? 200U : 100U);
+    }
+  }
+}
+
+TEST(Recorder, CountsEveryFrameThatItHadNoMemoryFor) {
+  const ScratchDirectory scratch;
+  RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
+  options.memory_mb = 1;
+  const FrameFormat format = format_of(512, 512);  // 2 in a megabyte, and 4 are the least
+  Sentences said;
+  std::int64_t recorded_count = 0;
+  std::int64_t dropped = 0;
+  {
+    Recorder recorder(options, format, Optics{}, Detector{}, said.log());
+    FrameBuffer frame(format);
+    for (std::int64_t n = 0; n < 400; ++n) {  // as fast as memory
+      frame.header.sequence = n;
+      recorder.add(frame, false);
+    }
+    ASSERT_TRUE(eventually([&] { return settled(recorder, 400); }));
+    recorded_count = recorder.counts().recorded;
+    dropped = recorder.counts().dropped;
+  }
+  EXPECT_GT(dropped, 0);
+  EXPECT_GE(recorded_count, 4);
+  EXPECT_EQ(recorded_count + dropped, 400);
+  std::int64_t on_disk = 0;
+  for (const std::string& name : scratch.names()) {
+    on_disk += FitsSource({scratch / name}).frame_count();
+  }
+  EXPECT_EQ(on_disk, recorded_count);
+}
+
+/// The recordings of trigger mode; act hands in the frames.
+std::map<std::string, std::vector<std::int64_t>> triggered(
+    const std::function<void(Recorder&, Source&)>& act, bool on_vortex = false) {
+  const ScratchDirectory scratch;
+  RecorderOptions options = options_for(scratch, RecordMode::kTrigger);
+  options.before_s = 0.1;
+  options.after_s = 0.2;
+  options.trigger_on_vortex = on_vortex;
+  Sentences said;
+  {
+    Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+    Source source(recorder, kSmall);
+    act(recorder, source);
+    EXPECT_EQ(recorder.counts().dropped, 0);
+  }
+  EXPECT_TRUE(said.with("memory_mb").empty());
+  return recorded(scratch.path());
+}
+
+TEST(Recorder, ATriggerRecordsFromBeforeItToAfterIt) {
+  const auto files = triggered([](Recorder& recorder, Source& source) {
+    source.add_all(0, 500);
+    recorder.trigger();  // the next frame is the trigger
+    source.add_all(500, 1000);
+  });
+  ASSERT_EQ(files.size(), 1U);
+  EXPECT_EQ(files.begin()->second, numbers(400, 701));  // both ends included, at 1 kHz
+}
+
+TEST(Recorder, WithoutATriggerNothingIsRecorded) {
+  EXPECT_TRUE(triggered([](Recorder&, Source& source) {
+                source.add_all(0, 300);
+                source.add(300, true);  // a vortex, which is no trigger here
+                source.add_all(301, 400);
+              }).empty());
+}
+
+TEST(Recorder, AVortexIsATriggerWhereThatIsAskedFor) {
+  const auto files = triggered(
+      [](Recorder&, Source& source) {
+        source.add_all(0, 300);
+        source.add(300, true);
+        source.add_all(301, 1000);
+      },
+      true);
+  ASSERT_EQ(files.size(), 1U);
+  EXPECT_EQ(files.begin()->second, numbers(200, 501));
+}
+
+TEST(Recorder, AFurtherTriggerExtendsAnEventAndALaterOneBeginsAnother) {
+  const auto files = triggered([](Recorder& recorder, Source& source) {
+    source.add_all(0, 50);
+    recorder.trigger();  // less than before_s from the first frame
+    source.add_all(50, 150);
+    recorder.trigger();
+    source.add_all(150, 400);
+    recorder.trigger();  // 50 ms after the end: what was recorded is not recorded again
+    source.add_all(400, 700);
+    recorder.trigger();
+    source.add_all(700, 750);  // ends before the event does
+  });
+  ASSERT_EQ(files.size(), 3U);
+  auto file = files.begin();
+  EXPECT_EQ(file->second, numbers(0, 351));
+  EXPECT_EQ((++file)->second, numbers(351, 601));
+  EXPECT_EQ((++file)->second, numbers(601, 750));
+}
+
+TEST(Recorder, SaysOnceThatMemoryIsLessThanBeforeAsksFor) {
+  const ScratchDirectory scratch;
+  RecorderOptions options = options_for(scratch, RecordMode::kTrigger);
+  options.memory_mb = 1;  // 100 frames, an eighth of them for those that come
+  options.before_s = 5.0;
+  options.after_s = 0.0;
+  Sentences said;
+  {
+    Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+    Source source(recorder, kSmall);
+    // Slowly: the recorder must have given back what it does not keep.
+    for (std::int64_t n = 0; n <= 1000; ++n) {
+      if (n == 500 || n == 1000) recorder.trigger();
+      source.add(n);
+      if (n % 10 == 9) std::this_thread::sleep_for(2ms);
+    }
+    ASSERT_TRUE(eventually([&] { return recorder.counts().files == 2; }));
+  }
+  const auto sentences = said.with("memory_mb");
+  ASSERT_EQ(sentences.size(), 1U);
+  EXPECT_NE(sentences[0].find(" s of the 5.0 s"), std::string::npos) << sentences[0];
+  const auto files = recorded(scratch.path());
+  ASSERT_EQ(files.size(), 2U);
+  EXPECT_GE(files.begin()->second.back(), 500);
+  EXPECT_LE(files.begin()->second.size(), 100U);
+  EXPECT_GT(files.begin()->second.size(), 50U);
+}
+
+TEST(Recorder, CompressesCompleteFilesWithoutLoss) {
+  const ScratchDirectory scratch;
+  RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
+  options.compress = true;
+  options.max_file_s = 0.1;
+  Sentences said;
+  {
+    Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+    Source(recorder, kSmall).add_all(0, 350);
+    ASSERT_TRUE(eventually([&] { return said.with("is compressed").size() == 3; }));
+  }
+  const auto files = recorded(scratch.path());
+  EXPECT_EQ(joined(files), numbers(0, 350));
+  int compressed = 0;
+  for (const auto& [name, sequence] : files) compressed += name.ends_with(".fits.fz") ? 1 : 0;
+  EXPECT_GE(compressed, 3);
+  EXPECT_EQ(files.size(), 4U) << "what was compressed is deleted";
+
+  const PeerAnswer answer = ask_astropy("recordings", scratch.path());
+  if (answer.exit_code == 77) GTEST_SKIP() << "astropy is not installed";
+  ASSERT_EQ(answer.exit_code, 0) << answer.text;
+  std::int64_t frames = 0;
+  for (const FoundRecording& found : found_recordings(answer)) {
+    EXPECT_EQ(found.wrong, 0) << found.name;
+    EXPECT_EQ(found.warnings, 0) << found.name;
+    EXPECT_EQ(found.rows, found.frames) << found.name;
+    frames += found.frames;
+  }
+  EXPECT_EQ(frames, 350);
+}
+
+TEST(Recorder, AddAllocatesNothing) {
+  if (!kCountsAllocations) GTEST_SKIP() << "the sanitizer owns malloc";
+  const ScratchDirectory scratch;
+  RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
+  options.memory_mb = 1;
+  Sentences said;
+  Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+  FrameBuffer frame(kSmall);
+  for (int n = 0; n < 50; ++n) recorder.add(frame, false);
+  const long allocations = allocations_of_this_thread([&] {
+    for (int n = 0; n < 2000; ++n) recorder.add(frame, n % 2 == 0);
+    recorder.trigger();
+  });
+  EXPECT_EQ(allocations, 0);
+  EXPECT_GT(recorder.counts().dropped, 0) << "with and without memory";
+}
+
+TEST(Recorder, RefusesAFolderItCannotWriteTo) {
+  const ScratchDirectory scratch;
+  RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
+  options.folder = scratch / "missing";
+  const auto refusal = [&](const FrameFormat& format) {
+    return failure_text([&] { Recorder(options, format, Optics{}, Detector{}, [](auto&) {}); });
+  };
+  EXPECT_NE(refusal(kSmall).find("missing"), std::string::npos);
+  options.folder = scratch.path();
+  FrameFormat scaled = kSmall;
+  scaled.zero_adu = -100.0;
+  EXPECT_NE(refusal(scaled).find("ADU"), std::string::npos);
+  EXPECT_EQ(refusal(kSmall), "");
+}
+
+/// A limit on the size of files while it lives; writes beyond it fail as on a full disk.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t bytes) : handler_(signal(SIGXFSZ, SIG_IGN)) {
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limit{bytes, before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &limit);
+  }
+  ~FileSizeLimit() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    signal(SIGXFSZ, handler_);
+  }
+  FileSizeLimit(const FileSizeLimit&) = delete;
+  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
+
+ private:
+  rlimit before_{};
+  void (*handler_)(int);
+};
+
+TEST(Recorder, StopsAtAWriteErrorWithOneSentence) {
+  const ScratchDirectory scratch;
+  Sentences said;
+  Recorder recorder(options_for(scratch, RecordMode::kContinuous), kSmall, Optics{}, Detector{},
+                    said.log());
+  Source source(recorder, kSmall);
+  source.add_all(0, 100);
+  ASSERT_TRUE(eventually([&] { return recorder.counts().recorded == 100; }));
+  {
+    const FileSizeLimit limit(2'000'000);
+    source.add_all(100, 500);
+    ASSERT_TRUE(eventually([&] { return settled(recorder, source.added()); }));
+  }
+  source.add_all(500, 600);
+  ASSERT_TRUE(eventually([&] { return settled(recorder, source.added()); }));
+  EXPECT_TRUE(recorder.counts().stopped);
+  EXPECT_GE(recorder.counts().recorded, 100);
+  EXPECT_LT(recorder.counts().recorded, 200);
+  const auto sentences = said.with("recording stopped");
+  ASSERT_EQ(sentences.size(), 1U);
+  EXPECT_NE(sentences[0].find("File too large"), std::string::npos) << sentences[0];
+  EXPECT_EQ(joined(recorded(scratch.path())), numbers(0, recorder.counts().recorded));
+}
+
+/// 16 MB in a directory, while it lives.
+class SmallDisk {
+ public:
+  explicit SmallDisk(std::string directory) : directory_(std::move(directory)) {
+    fs::create_directory(directory_);
+    mounted_ = run("mount -t tmpfs -o size=16m none");
+  }
+  ~SmallDisk() {
+    if (mounted_) {
+      EXPECT_TRUE(run("umount"));
+    }
+  }
+  SmallDisk(const SmallDisk&) = delete;
+  SmallDisk& operator=(const SmallDisk&) = delete;
+  bool mounted() const { return mounted_; }
+
+ private:
+  bool run(const std::string& command) const {
+    return std::system((command + " '" + directory_ + "' 2>/dev/null").c_str()) == 0;
+  }
+
+  std::string directory_;
+  bool mounted_ = false;
+};
+
+TEST(Recorder, StopsBeforeTheDiskIsFullAndGoesOnWhenThereIsRoom) {
+  const ScratchDirectory scratch;
+  const std::string disk = scratch / "disk";
+  const SmallDisk small(disk);
+  if (!small.mounted()) GTEST_SKIP() << "may not mount a small tmpfs here";
+  Sentences said;
+  std::int64_t first_part = 0;
+  {
+    RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
+    options.folder = disk;
+    options.min_free_mb = 2;
+    options.memory_mb = 1;
+    const std::string ballast = disk + "/ballast";
+    write_bytes(ballast, std::string(5'000'000, 'x'));
+    Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+    Source source(recorder, kSmall);
+    ASSERT_TRUE(eventually([&] {
+      for (int i = 0; i < 20; ++i) source.add(source.added());
+      return recorder.counts().stopped;
+    }));
+    source.add_all(source.added(), source.added() + 100);
+    ASSERT_TRUE(eventually([&] { return settled(recorder, source.added()); }));
+    EXPECT_TRUE(recorder.counts().stopped);
+    first_part = recorder.counts().recorded;
+    EXPECT_GT(first_part, 500);
+    EXPECT_LT(first_part, 1000);
+    const auto left = fs::space(disk).available;
+    EXPECT_GE(left, 2'000'000U);
+    EXPECT_LT(left, 2'100'000U) << "not stopped too early either";
+    ASSERT_EQ(said.with("recording stopped").size(), 1U);
+    EXPECT_NE(said.with("recording stopped")[0].find(disk), std::string::npos);
+    EXPECT_EQ(FitsSource({said.with("recording to")[0].substr(13)}).frame_count(), first_part);
+
+    fs::remove(ballast);
+    EXPECT_TRUE(eventually([&] {
+      source.add(source.added());
+      return !recorder.counts().stopped;
+    }));
+    source.add_all(source.added(), source.added() + 100);
+    ASSERT_TRUE(eventually([&] { return settled(recorder, source.added()); }));
+    EXPECT_GE(recorder.counts().recorded, first_part + 50);
+    EXPECT_EQ(said.with("recording goes on").size(), 1U);
+  }
+  const auto files = recorded(disk);
+  EXPECT_EQ(files.size(), 2U);
+}
+
+/// record_forever, from its start to its death.
+class Recording {
+ public:
+  explicit Recording(std::string folder) : folder_(std::move(folder)) {
+    fs::create_directory(folder_);
+    child_ = fork();
+    if (child_ != 0) return;
+    const int out = open((folder_ + ".txt").c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
+    dup2(out, STDOUT_FILENO);
+    execl(CURLEW_RECORD_FOREVER, CURLEW_RECORD_FOREVER, folder_.c_str(), nullptr);
+    _exit(127);
+  }
+  void kill_it() {
+    kill(child_, SIGKILL);
+    int status = 0;
+    waitpid(child_, &status, 0);
+    EXPECT_TRUE(WIFSIGNALED(status)) << "it ended by itself";
+    std::ifstream lines(folder_ + ".txt");
+    std::int64_t n = 0;
+    std::int64_t time_us = 0;
+    while (lines >> n >> time_us) handed_in_us_.push_back(time_us);
+    if (!lines.eof()) lines.clear();
+  }
+  const std::string& folder() const { return folder_; }
+  std::int64_t handed_in() const { return static_cast<std::int64_t>(handed_in_us_.size()); }
+  /// Frames that must be there: all but those of the last second, and of the longest time this
+  /// machine let the program wait.
+  std::int64_t at_least() const {
+    if (handed_in_us_.empty()) return 0;
+    std::int64_t pause_us = 0;
+    for (std::size_t i = 1; i < handed_in_us_.size(); ++i) {
+      pause_us = std::max(pause_us, handed_in_us_[i] - handed_in_us_[i - 1]);
+    }
+    return std::count_if(handed_in_us_.begin(), handed_in_us_.end(), [&](std::int64_t time_us) {
+      return time_us < handed_in_us_.back() - 1'000'000 - pause_us;
+    });
+  }
+
+ private:
+  std::string folder_;
+  pid_t child_ = -1;
+  std::vector<std::int64_t> handed_in_us_;
+};
+
+// Fifty times: every file opens, every pixel in it is right, at most the last second is missing.
+TEST(Recorder, SurvivesKillMinus9) {
+#if defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "most lives end before a program under TSan has begun; ASan runs it";
+#endif
+  constexpr unsigned kSeed = 20261123;
+  SCOPED_TRACE(kSeed);
+  std::mt19937 random(kSeed);
+  std::uniform_int_distribution<int> life_ms(50, 1900);
+  const ScratchDirectory scratch;
+  std::vector<Recording> recordings;
+  constexpr int kTogether = 5;
+  for (int batch = 0; batch < 10; ++batch) {
+    std::vector<int> lives;
+    for (int i = 0; i < kTogether; ++i) lives.push_back(life_ms(random));
+    std::sort(lives.begin(), lives.end());
+    const auto start = std::chrono::steady_clock::now();
+    for (int i = 0; i < kTogether; ++i) {
+      recordings.emplace_back(scratch / ("run" + std::to_string(recordings.size() + 100)));
+    }
+    for (int i = 0; i < kTogether; ++i) {
+      std::this_thread::sleep_until(start + std::chrono::milliseconds(lives[size_t(i)]));
+      recordings[recordings.size() - kTogether + static_cast<std::size_t>(i)].kill_it();
+    }
+  }
+
+  std::map<std::string, std::int64_t> found_frames;  // by folder
+  const PeerAnswer answer = ask_astropy("recordings", scratch.path());
+  const bool has_astropy = answer.exit_code != 77;
+  if (has_astropy) {
+    ASSERT_EQ(answer.exit_code, 0) << answer.text;
+    for (const FoundRecording& found : found_recordings(answer)) {
+      const std::string folder = found.name.substr(0, found.name.find('/'));
+      EXPECT_EQ(found_frames[folder] % 400, 0) << found.name << ": the file before it is not whole";
+      if (found.rows >= 0) {
+        EXPECT_EQ(found.wrong, 0) << found.name;
+        EXPECT_EQ(found.first, found_frames[folder]) << found.name;
+        EXPECT_EQ(found.last, found.first + found.frames - 1) << found.name;
+      }
+      found_frames[folder] += found.frames;
+    }
+  }
+  std::int64_t needed = 0;
+  int with_files = 0;
+  int with_frames = 0;
+  for (const Recording& recording : recordings) {
+    std::int64_t replayed = 0;
+    std::vector<fs::path> paths;
+    for (const auto& entry : fs::directory_iterator(recording.folder())) {
+      if (entry.path().extension() == ".fits") paths.push_back(entry.path());
+    }
+    std::sort(paths.begin(), paths.end());
+    for (const fs::path& path : paths) {
+      FitsSource source({path.string()});
+      FrameBuffer frame(source.format());
+      while (source.next(frame) == Delivery::kFrame) {
+        ASSERT_TRUE(is_numbered(frame, replayed)) << path << " frame " << replayed;
+        ++replayed;
+      }
+    }
+    if (!paths.empty()) ++with_files;
+    if (recording.handed_in() > 0) ++with_frames;
+    EXPECT_LE(replayed, recording.handed_in() + 1) << recording.folder();  // one not yet printed
+    EXPECT_GE(replayed, recording.at_least()) << recording.folder();
+    needed += recording.at_least();
+    if (has_astropy) {
+      EXPECT_EQ(replayed, found_frames[fs::path(recording.folder()).filename().string()]);
+    }
+  }
+  // The first frame makes the file.
+  EXPECT_GE(with_files, with_frames - 5);
+  EXPECT_GT(with_files, 20);
+  EXPECT_GT(needed, 1000) << "some must have lived longer than a second";
+  if (!has_astropy) GTEST_SKIP() << "replayed, but astropy is not installed";
+}
+
+}  // namespace
+}  // namespace curlew
