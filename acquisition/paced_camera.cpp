@@ -9,8 +9,10 @@
 #include <utility>
 #include <vector>
 
+#include "acquisition/loop_source.h"
 #include "acquisition/recording/fits_source.h"
 #include "acquisition/simulator/simulator.h"
+#include "core/utc_now.h"
 
 namespace curlew {
 namespace {
@@ -21,12 +23,6 @@ constexpr double kDefaultRateHz = 1000.0;
 constexpr std::int64_t kFramesDrawn = 100;
 
 double rate_or_default(double rate_hz) { return rate_hz > 0.0 ? rate_hz : kDefaultRateHz; }
-
-std::int64_t utc_now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
 
 class PacedCamera final : public Camera {
  public:
@@ -129,32 +125,15 @@ class PacedCamera final : public Camera {
   std::string failure_;
 };
 
-/// Frames in memory, over and over.
-class LoopSource final : public FrameSource {
- public:
-  LoopSource(FrameSource& source, std::int64_t frames) : format_(source.format()) {
-    for (std::int64_t i = 0; i < frames; ++i) {
-      auto frame = std::make_unique<FrameBuffer>(format_);
-      if (source.next(*frame) == Delivery::kEnd) break;
-      frames_.push_back(std::move(frame));
-    }
+LoopSource::Frames draw_frames(Simulator& simulator) {
+  LoopSource::Frames frames;
+  for (std::int64_t i = 0; i < kFramesDrawn; ++i) {
+    auto frame = std::make_shared<FrameBuffer>(simulator.format());
+    if (simulator.next(*frame) == Delivery::kEnd) break;
+    frames.push_back(std::move(frame));
   }
-  const FrameFormat& format() const override { return format_; }
-  std::int64_t frame_count() const override { return -1; }
-  Delivery next(FrameBuffer& into) override {
-    FrameBuffer& frame = *frames_[next_];
-    next_ = (next_ + 1) % frames_.size();
-    std::copy_n(frame.data(), format_.bytes(), into.data());
-    into.header = frame.header;
-    into.rows_ready = format_.rows;
-    return Delivery::kFrame;
-  }
-
- private:
-  FrameFormat format_;
-  std::vector<std::unique_ptr<FrameBuffer>> frames_;
-  std::size_t next_ = 0;
-};
+  return frames;
+}
 
 }  // namespace
 
@@ -182,7 +161,7 @@ std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, double 
                                               const ThreadStart& thread_start) {
   Simulator simulator(simulated_camera_options(preset));
   return make_paced_camera(
-      std::make_unique<LoopSource>(simulator, kFramesDrawn), rate_hz,
+      std::make_unique<LoopSource>(draw_frames(simulator)), rate_hz,
       {"simulated camera, preset " + preset, simulator.optics(), simulator.detector()},
       thread_start);
 }

@@ -5,12 +5,12 @@
 #include <limits>
 #include <utility>
 
+#include "core/as_size.h"
+
 namespace curlew {
 namespace {
 
 constexpr float kUnreached = std::numeric_limits<float>::infinity();
-
-std::size_t index(std::int32_t i) noexcept { return static_cast<std::size_t>(i); }
 
 }  // namespace
 
@@ -38,7 +38,7 @@ void Assignment::allow(std::size_t row, std::size_t col, float gain) noexcept {
   Pair* pairs = &pairs_[row * pairs_per_row_];
   std::int32_t& n = pair_count_[row];
   const Pair pair{static_cast<std::int32_t>(col), gain};
-  if (index(n) < pairs_per_row_) {
+  if (as_size(n) < pairs_per_row_) {
     pairs[n++] = pair;
     return;
   }
@@ -61,8 +61,8 @@ void Assignment::place(std::size_t first) noexcept {
   std::size_t n_reached = 0;
   const auto reach_from = [&](std::size_t row, float so_far) {
     for (std::int32_t k = 0; k < pair_count_[row]; ++k) {
-      const Pair& pair = pairs_[row * pairs_per_row_ + index(k)];
-      const std::size_t col = index(pair.col);
+      const Pair& pair = pairs_[row * pairs_per_row_ + as_size(k)];
+      const std::size_t col = as_size(pair.col);
       if (settled_[col] != 0) continue;
       const float cost = so_far - pair.gain - price_[col];
       if (cost_[col] == kUnreached) reached_[n_reached++] = pair.col;
@@ -83,7 +83,7 @@ void Assignment::place(std::size_t first) noexcept {
     std::int32_t next = -1;
     float minimum = kUnreached;
     for (std::size_t i = 0; i < n_reached; ++i) {
-      const std::size_t col = index(reached_[i]);
+      const std::size_t col = as_size(reached_[i]);
       if (settled_[col] == 0 && cost_[col] < minimum) {
         minimum = cost_[col];
         next = reached_[i];
@@ -93,28 +93,28 @@ void Assignment::place(std::size_t first) noexcept {
       end_cost = free_cost;
       break;
     }
-    const std::int32_t holder = row_of_col_[index(next)];
+    const std::int32_t holder = row_of_col_[as_size(next)];
     if (holder < 0) {
       end = next;
       end_cost = minimum;
       break;
     }
-    settled_[index(next)] = 1;
+    settled_[as_size(next)] = 1;
     // Taking `next` from its holder: gives back the gain of their pair.
     float gain = 0.0F;
-    for (std::int32_t k = 0; k < pair_count_[index(holder)]; ++k) {
-      const Pair& pair = pairs_[index(holder) * pairs_per_row_ + index(k)];
+    for (std::int32_t k = 0; k < pair_count_[as_size(holder)]; ++k) {
+      const Pair& pair = pairs_[as_size(holder) * pairs_per_row_ + as_size(k)];
       if (pair.col == next) gain = pair.gain;
     }
-    const float so_far = minimum + gain + price_[index(next)];
+    const float so_far = minimum + gain + price_[as_size(next)];
     if (so_far < free_cost) {
       free_cost = so_far;
       freed = holder;
     }
-    reach_from(index(holder), so_far);
+    reach_from(as_size(holder), so_far);
   }
   for (std::size_t i = 0; i < n_reached; ++i) {
-    const std::size_t col = index(reached_[i]);
+    const std::size_t col = as_size(reached_[i]);
     if (settled_[col] != 0) price_[col] += cost_[col] - end_cost;
     settled_[col] = 0;
     cost_[col] = kUnreached;
@@ -123,12 +123,12 @@ void Assignment::place(std::size_t first) noexcept {
   std::int32_t col = end;
   if (end < 0) {
     if (freed == static_cast<std::int32_t>(first)) return;
-    col = std::exchange(col_of_row_[index(freed)], -1);
+    col = std::exchange(col_of_row_[as_size(freed)], -1);
   }
   for (;;) {
-    const std::int32_t row = reached_from_[index(col)];
-    row_of_col_[index(col)] = row;
-    const std::int32_t before = std::exchange(col_of_row_[index(row)], col);
+    const std::int32_t row = reached_from_[as_size(col)];
+    row_of_col_[as_size(col)] = row;
+    const std::int32_t before = std::exchange(col_of_row_[as_size(row)], col);
     if (row == static_cast<std::int32_t>(first)) return;
     col = before;
   }

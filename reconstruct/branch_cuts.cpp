@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "core/as_size.h"
+
 namespace curlew {
 namespace {
 
@@ -17,8 +19,6 @@ constexpr std::int8_t kSource = 4;  // came_by: no side, the path begins here
 /// Sides of a cell: top, right, bottom, left. The way round the cell runs along its top edge to the
 /// right and down its right edge: the other two are passed against their sense.
 constexpr int kAlong[4] = {1, 1, -1, -1};
-
-std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
 
 /// Whole turns that bring a difference into [−π, π], negative.
 std::int32_t turns_of(float difference) {
@@ -92,9 +92,9 @@ class Cutter {
     };
     for (int r = 0; r < rows_; ++r) {
       for (int c = 0; c < cols_; ++c) {
-        const auto k = index(r * cols_ + c);
+        const auto k = as_size(r * cols_ + c);
         ws_.cost_right[k] = c + 1 < cols_ ? cost(k, k + 1) : 0;
-        ws_.cost_down[k] = r + 1 < rows_ ? cost(k, k + index(cols_)) : 0;
+        ws_.cost_down[k] = r + 1 < rows_ ? cost(k, k + as_size(cols_)) : 0;
       }
     }
   }
@@ -119,7 +119,8 @@ class Cutter {
   }
   std::int32_t cost_of(std::int32_t cell, int side) const {
     const Edge edge = edge_of(cell, side);
-    return edge.right ? ws_.cost_right[index(edge.lenslet)] : ws_.cost_down[index(edge.lenslet)];
+    return edge.right ? ws_.cost_right[as_size(edge.lenslet)]
+                      : ws_.cost_down[as_size(edge.lenslet)];
   }
   /// The cell beyond a side, −1 outside.
   std::int32_t beyond(std::int32_t cell, int side) const {
@@ -143,24 +144,25 @@ class Cutter {
     std::fill(ws_.bucket.begin(), ws_.bucket.end(), -1);
     n_entries_ = 0;
     waiting_ = 0;
-    for (std::int32_t i = 0; i < outside(); ++i) reach(ws_.residues[index(i)].cell, 0, i, kSource);
+    for (std::int32_t i = 0; i < outside(); ++i)
+      reach(ws_.residues[as_size(i)].cell, 0, i, kSource);
     for (std::int32_t cell = 0; cell < cell_rows() * cell_cols(); ++cell) {
       for (int side = 0; side < 4; ++side)
         if (beyond(cell, side) < 0)
           reach(cell, cost_of(cell, side), outside(), static_cast<std::int8_t>(side));
     }
     for (std::int32_t at = 0; waiting_ > 0; ++at) {
-      std::int32_t& head = ws_.bucket[index(at % kBuckets)];
+      std::int32_t& head = ws_.bucket[as_size(at % kBuckets)];
       while (head >= 0) {
         const std::int32_t entry = head;
-        head = ws_.next[index(entry)];
+        head = ws_.next[as_size(entry)];
         --waiting_;
-        const std::int32_t cell = ws_.entry_cell[index(entry)];
-        if (ws_.entry_distance[index(entry)] != ws_.distance[index(cell)]) continue;
+        const std::int32_t cell = ws_.entry_cell[as_size(entry)];
+        if (ws_.entry_distance[as_size(entry)] != ws_.distance[as_size(cell)]) continue;
         for (int side = 0; side < 4; ++side) {
           const std::int32_t to = beyond(cell, side);
           if (to >= 0)
-            reach(to, at + cost_of(cell, side), ws_.owner[index(cell)],
+            reach(to, at + cost_of(cell, side), ws_.owner[as_size(cell)],
                   static_cast<std::int8_t>((side + 2) % 4));
         }
       }
@@ -168,16 +170,16 @@ class Cutter {
   }
 
   void reach(std::int32_t cell, std::int32_t distance, std::int32_t owner, std::int8_t by) {
-    if (distance >= ws_.distance[index(cell)]) return;
+    if (distance >= ws_.distance[as_size(cell)]) return;
     if (n_entries_ == static_cast<std::int32_t>(ws_.next.size())) return;
-    ws_.distance[index(cell)] = distance;
-    ws_.owner[index(cell)] = owner;
-    ws_.came_by[index(cell)] = by;
+    ws_.distance[as_size(cell)] = distance;
+    ws_.owner[as_size(cell)] = owner;
+    ws_.came_by[as_size(cell)] = by;
     const std::int32_t entry = n_entries_++;
-    ws_.entry_cell[index(entry)] = cell;
-    ws_.entry_distance[index(entry)] = distance;
-    ws_.next[index(entry)] = ws_.bucket[index(distance % kBuckets)];
-    ws_.bucket[index(distance % kBuckets)] = entry;
+    ws_.entry_cell[as_size(entry)] = cell;
+    ws_.entry_distance[as_size(entry)] = distance;
+    ws_.next[as_size(entry)] = ws_.bucket[as_size(distance % kBuckets)];
+    ws_.bucket[as_size(distance % kBuckets)] = entry;
     ++waiting_;
   }
 
@@ -191,13 +193,13 @@ class Cutter {
       }
     }
     for (std::int32_t cell = 0; cell < cell_rows() * cell_cols(); ++cell) {
-      const std::int32_t a = ws_.owner[index(cell)];
+      const std::int32_t a = ws_.owner[as_size(cell)];
       for (int side = 0; side < 4; ++side) {
         const std::int32_t other = beyond(cell, side);
-        const std::int32_t b = other < 0 ? outside() : ws_.owner[index(other)];
+        const std::int32_t b = other < 0 ? outside() : ws_.owner[as_size(other)];
         if (a == b) continue;
-        const std::int32_t length = ws_.distance[index(cell)] + cost_of(cell, side) +
-                                    (other < 0 ? 0 : ws_.distance[index(other)]);
+        const std::int32_t length = ws_.distance[as_size(cell)] + cost_of(cell, side) +
+                                    (other < 0 ? 0 : ws_.distance[as_size(other)]);
         if (length >= ws_.between(a, b)) continue;
         ws_.between(a, b) = ws_.between(b, a) = length;
         ws_.contact(a, b) = ws_.contact(b, a) = 4 * cell + side;
@@ -221,7 +223,7 @@ class Cutter {
     std::size_t n_positive = 0;
     std::size_t n_negative = 0;
     for (std::int32_t i = 0; i < outside(); ++i) {
-      if (ws_.residues[index(i)].charge > 0)
+      if (ws_.residues[as_size(i)].charge > 0)
         ws_.positive[n_positive++] = i;
       else
         ws_.negative[n_negative++] = i;
@@ -239,7 +241,7 @@ class Cutter {
     ws_.assignment.solve();
     for (std::size_t row = 0; row < n_positive; ++row) {
       const std::int32_t col = ws_.assignment.col_of_row()[row];
-      lay_cut(ws_.positive[row], col < 0 ? outside() : ws_.negative[index(col)], 1);
+      lay_cut(ws_.positive[row], col < 0 ? outside() : ws_.negative[as_size(col)], 1);
     }
     for (std::size_t col = 0; col < n_negative; ++col)
       if (ws_.assignment.row_of_col()[col] < 0) lay_cut(ws_.negative[col], outside(), -1);
@@ -253,7 +255,7 @@ class Cutter {
       const std::int32_t cell = contact / 4;
       const int side = contact % 4;
       const std::int32_t other = beyond(cell, side);
-      const bool forward = ws_.owner[index(cell)] == from;
+      const bool forward = ws_.owner[as_size(cell)] == from;
       const int carried = forward ? charge : -charge;  // from cell to other
       carry(cell, side, carried);
       retrace(cell, -carried);
@@ -265,14 +267,14 @@ class Cutter {
   /// A charge leaves a cell by a side: what its loop adds up to falls by it.
   void carry(std::int32_t cell, int side, int charge) {
     const Edge edge = edge_of(cell, side);
-    auto& turns = (edge.right ? ws_.turns_right : ws_.turns_down)[index(edge.lenslet)];
+    auto& turns = (edge.right ? ws_.turns_right : ws_.turns_down)[as_size(edge.lenslet)];
     turns = static_cast<std::int8_t>(turns + charge * kAlong[side]);
   }
 
   /// Carries a charge from a cell back to where its shortest path began.
   void retrace(std::int32_t cell, int charge) {
-    while (cell >= 0 && ws_.came_by[index(cell)] != kSource) {
-      const int side = static_cast<unsigned char>(ws_.came_by[index(cell)]);
+    while (cell >= 0 && ws_.came_by[as_size(cell)] != kSource) {
+      const int side = static_cast<unsigned char>(ws_.came_by[as_size(cell)]);
       carry(cell, side, charge);
       cell = beyond(cell, side);
     }
@@ -285,15 +287,15 @@ class Cutter {
       for (int c = 0; c < cols_; ++c) {
         const std::int32_t k = r * cols_ + c;
         const auto add = [&](std::int32_t to, int turns) {
-          const int shortest = turns_of(wrapped_[index(to)] - wrapped_[index(k)]);
+          const int shortest = turns_of(wrapped_[as_size(to)] - wrapped_[as_size(k)]);
           if (turns == shortest) return;
           ws_.cuts.push({k, to, shortest - turns});
           for (const std::int32_t lenslet : {k, to})
-            if (valid[index(lenslet)] != 0)
-              ws_.light_cut += static_cast<double>(flux[index(lenslet)]);
+            if (valid[as_size(lenslet)] != 0)
+              ws_.light_cut += static_cast<double>(flux[as_size(lenslet)]);
         };
-        if (c + 1 < cols_) add(k + 1, ws_.turns_right[index(k)]);
-        if (r + 1 < rows_) add(k + cols_, ws_.turns_down[index(k)]);
+        if (c + 1 < cols_) add(k + 1, ws_.turns_right[as_size(k)]);
+        if (r + 1 < rows_) add(k + cols_, ws_.turns_down[as_size(k)]);
       }
     }
   }
@@ -322,7 +324,7 @@ class Cutter {
 
 BranchCutWorkspace::BranchCutWorkspace(int rows, int cols, std::size_t capacity)
     : residues(capacity),
-      cuts(2 * index(rows) * index(cols)),
+      cuts(2 * as_size(rows) * as_size(cols)),
       turns_right(rows, cols),
       turns_down(rows, cols),
       cost_right(turns_right.size()),
@@ -330,7 +332,7 @@ BranchCutWorkspace::BranchCutWorkspace(int rows, int cols, std::size_t capacity)
       distance(turns_right.size()),
       owner(turns_right.size()),
       came_by(turns_right.size()),
-      bucket(index(kBuckets)),
+      bucket(as_size(kBuckets)),
       next(8 * turns_right.size()),
       entry_cell(next.size()),
       entry_distance(next.size()),

@@ -1,13 +1,12 @@
 #include <algorithm>
 #include <deque>
 
+#include "core/as_size.h"
 #include "core/error.h"
 #include "reconstruct/split.h"
 
 namespace curlew {
 namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 Lattice lattice_of(const Image<std::uint8_t>& valid) {
   if (std::none_of(valid.begin(), valid.end(), [](std::uint8_t v) { return v != 0; }))
@@ -19,22 +18,22 @@ Lattice lattice_of(const Image<std::uint8_t>& valid) {
 
 /// The lenslets with their nodes numbered, the pinned ones (the first of every component) last.
 std::vector<SplitPlan::Lenslet> number_unknowns(const Lattice& lattice) {
-  std::vector<int> unknown(index(lattice.n_corners()), -1);
-  std::vector<bool> pinned(index(lattice.n_components()), false);
+  std::vector<int> unknown(as_size(lattice.n_corners()), -1);
+  std::vector<bool> pinned(as_size(lattice.n_components()), false);
   int next = 0;
   int next_pinned = lattice.n_nodes() - lattice.n_components();
   for (int corner = 0; corner < lattice.n_corners(); ++corner) {
     const int component = lattice.component_of(corner);
     if (component < 0) continue;
-    unknown[index(corner)] = pinned[index(component)] ? next++ : next_pinned++;
-    pinned[index(component)] = true;
+    unknown[as_size(corner)] = pinned[as_size(component)] ? next++ : next_pinned++;
+    pinned[as_size(component)] = true;
   }
   std::vector<SplitPlan::Lenslet> lenslets;
   for (int k = 0; k < lattice.rows() * lattice.cols(); ++k) {
     if (lattice.phase_group_of(k) < 0) continue;
     SplitPlan::Lenslet lenslet{k, {}};
     const auto corners = lattice.corners_of(k);
-    for (std::size_t i = 0; i < corners.size(); ++i) lenslet.node[i] = unknown[index(corners[i])];
+    for (std::size_t i = 0; i < corners.size(); ++i) lenslet.node[i] = unknown[as_size(corners[i])];
     lenslets.push_back(lenslet);
   }
   return lenslets;
@@ -51,7 +50,7 @@ SplitPlan::SplitPlan(const Image<std::uint8_t>& valid, const SplitOptions& optio
   // at the end.
   for (Lenslet& lenslet : lenslets_)
     for (std::int32_t& node : lenslet.node)
-      if (node < factor_.size()) node = factor_.position()[index(node)];
+      if (node < factor_.size()) node = factor_.position()[as_size(node)];
   plan_potential();
   plan_hole_borders();
 }
@@ -80,28 +79,28 @@ void SplitPlan::plan_potential() {
     int edge;
     float sign;
   };
-  std::vector<std::vector<Crossing>> crossings(index(lattice_.n_faces()));
+  std::vector<std::vector<Crossing>> crossings(as_size(lattice_.n_faces()));
   for (std::size_t m = 0; m < lenslets_.size(); ++m) {
     const auto corner = lattice_.corners_of(lenslets_[m].k);
     // w·eA = ψ(01) − ψ(10), w·eB = ψ(11) − ψ(00): edges turned by 90°.
     const auto add = [&](int plus, int minus, int edge) {
       const int face_plus = lattice_.face_of(plus);
       const int face_minus = lattice_.face_of(minus);
-      crossings[index(face_minus)].push_back({face_plus, edge, 1.0F});
-      crossings[index(face_plus)].push_back({face_minus, edge, -1.0F});
+      crossings[as_size(face_minus)].push_back({face_plus, edge, 1.0F});
+      crossings[as_size(face_plus)].push_back({face_minus, edge, -1.0F});
     };
     add(corner[1], corner[2], 2 * static_cast<int>(m));
     add(corner[3], corner[0], 2 * static_cast<int>(m) + 1);
   }
-  std::vector<bool> seen(index(lattice_.n_faces()), false);
+  std::vector<bool> seen(as_size(lattice_.n_faces()), false);
   std::deque<int> queue{0, 1};
   seen[0] = seen[1] = true;
   while (!queue.empty()) {
     const int face = queue.front();
     queue.pop_front();
-    for (const Crossing& crossing : crossings[index(face)]) {
-      if (seen[index(crossing.to)]) continue;
-      seen[index(crossing.to)] = true;
+    for (const Crossing& crossing : crossings[as_size(face)]) {
+      if (seen[as_size(crossing.to)]) continue;
+      seen[as_size(crossing.to)] = true;
       potential_steps_.push_back({crossing.to, face, crossing.edge, crossing.sign});
       queue.push_back(crossing.to);
     }

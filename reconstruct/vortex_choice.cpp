@@ -3,12 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/as_size.h"
 #include "reconstruct/vortex_loops.h"
 
 namespace curlew {
 namespace {
-
-std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
 
 class Chooser {
  public:
@@ -75,7 +74,7 @@ class Chooser {
   }
 
   void whiten_measured(const SlopeField& slopes) {
-    const auto n = index(tile_->factor().size());
+    const auto n = as_size(tile_->factor().size());
     std::fill_n(ws_.measured.begin(), n, 0.0F);
     const Lattice& lattice = tile_->lattice();
     for (int r = 0; r < lattice.rows(); ++r) {
@@ -83,14 +82,14 @@ class Chooser {
         const int k = r * lattice.cols() + c;
         if (lattice.phase_group_of(k) < 0) continue;
         const int on_array = (tile_->row() + r) * slopes.cols() + tile_->col() + c;
-        float x = slopes.x[index(on_array)];
-        float y = slopes.y[index(on_array)];
-        if (slopes.valid[index(on_array)] == 0) mean_of_neighbours(slopes, on_array, x, y);
+        float x = slopes.x[as_size(on_array)];
+        float y = slopes.y[as_size(on_array)];
+        if (slopes.valid[as_size(on_array)] == 0) mean_of_neighbours(slopes, on_array, x, y);
         const auto corner = lattice.corners_of(k);
         const auto along = along_corners(x, y);
         for (std::size_t i = 0; i < 4; ++i) {
           const std::int32_t unknown = tile_->unknown_of(corner[i]);
-          if (unknown >= 0) ws_.measured[index(unknown)] += along[i];
+          if (unknown >= 0) ws_.measured[as_size(unknown)] += along[i];
         }
       }
     }
@@ -130,16 +129,16 @@ class Chooser {
       for_each_cell(tile_->lattice(), x, y, [&](int corner, int i, int j) {
         const std::int32_t unknown = tile_->unknown_of(corner);
         if (unknown < 0) return;
-        ws_.scratch[index(unknown)] += loops[index(i * kLoopSide + j)];
+        ws_.scratch[as_size(unknown)] += loops[as_size(i * kLoopSide + j)];
         path.add(unknown);
       });
       const std::size_t n = path.finish();
       float* const values = ws_.value.data() + ws_.start[v];
       for (std::size_t i = 0; i < n; ++i) {
         factor.eliminate(columns[i], ws_.scratch.data());
-        values[i] = ws_.scratch[index(columns[i])];
+        values[i] = ws_.scratch[as_size(columns[i])];
       }
-      for (std::size_t i = 0; i < n; ++i) ws_.scratch[index(columns[i])] = 0.0F;
+      for (std::size_t i = 0; i < n; ++i) ws_.scratch[as_size(columns[i])] = 0.0F;
       ws_.start[v + 1] = ws_.start[v] + n;
     }
   }
@@ -150,18 +149,18 @@ class Chooser {
     for (std::size_t a = 0; a < n; ++a) {
       float with_measured = 0.0F;
       for (std::size_t i = ws_.start[a]; i < ws_.start[a + 1]; ++i) {
-        with_measured += ws_.value[i] * ws_.measured[index(ws_.element[i])];
-        ws_.scratch[index(ws_.element[i])] = ws_.value[i];
+        with_measured += ws_.value[i] * ws_.measured[as_size(ws_.element[i])];
+        ws_.scratch[as_size(ws_.element[i])] = ws_.value[i];
       }
       ws_.gain[a] = with_measured;
       for (std::size_t b = 0; b <= a; ++b) {
         float sum = 0.0F;
         for (std::size_t i = ws_.start[b]; i < ws_.start[b + 1]; ++i)
-          sum += ws_.value[i] * ws_.scratch[index(ws_.element[i])];
+          sum += ws_.value[i] * ws_.scratch[as_size(ws_.element[i])];
         overlap(a, b) = overlap(b, a) = sum;
       }
       for (std::size_t i = ws_.start[a]; i < ws_.start[a + 1]; ++i)
-        ws_.scratch[index(ws_.element[i])] = 0.0F;
+        ws_.scratch[as_size(ws_.element[i])] = 0.0F;
     }
     for (std::size_t a = 0; a < n; ++a)
       for (std::size_t b = 0; b < n; ++b)
@@ -235,7 +234,7 @@ VortexChoiceWorkspace::VortexChoiceWorkspace(const VortexChoicePlan& plan)
       tile(plan.capacity()),
       believed(plan.capacity()),
       local(plan.capacity()),
-      measured(largest(plan, [](const ChoiceTile& t) { return index(t.factor().size()); })),
+      measured(largest(plan, [](const ChoiceTile& t) { return as_size(t.factor().size()); })),
       scratch(measured.size()),
       marked(measured.size()),
       element(plan.capacity() *

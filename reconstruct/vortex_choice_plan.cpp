@@ -4,14 +4,13 @@
 #include <array>
 #include <cmath>
 
+#include "core/as_size.h"
 #include "reconstruct/vortex_loops.h"
 
 namespace curlew {
 namespace {
 
 constexpr int kOutsides = 2;  // faces 0 and 1
-
-std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
 
 Lattice lattice_of(const Image<std::uint8_t>& valid) {
   Lattice lattice(valid.rows(), valid.cols());
@@ -39,12 +38,12 @@ ChoiceTile::ChoiceTile(int row, int col, const Image<std::uint8_t>& valid)
       col_(col),
       lattice_(lattice_of(valid)),
       factor_(make_factor()),
-      unknown_(index(lattice_.n_corners())) {
+      unknown_(as_size(lattice_.n_corners())) {
   for (int corner = 0; corner < lattice_.n_corners(); ++corner) {
     const int face = lattice_.face_of(corner) - kOutsides;
-    unknown_[index(corner)] = face < 0 ? -1 : factor_.position()[index(face)];
+    unknown_[as_size(corner)] = face < 0 ? -1 : factor_.position()[as_size(face)];
   }
-  std::vector<std::uint8_t> marked(index(factor_.size()));
+  std::vector<std::uint8_t> marked(as_size(factor_.size()));
   std::vector<std::int32_t> columns(marked.size());
   for (int r = 0; r <= lattice_.rows(); ++r) {
     for (int c = 0; c <= lattice_.cols(); ++c) {
@@ -111,7 +110,8 @@ std::int32_t VortexChoicePlan::tile_at(float x, float y) const {
     const int lenslet = std::clamp(static_cast<int>(std::floor(place + 0.5F)), 0, n - 1);
     return std::min(((lenslet + 1) * parts - 1) / n, parts - 1);
   };
-  return tile_of_core_[index(core(y, rows_, tile_rows_) * tile_cols_ + core(x, cols_, tile_cols_))];
+  return tile_of_core_[as_size(core(y, rows_, tile_rows_) * tile_cols_ +
+                               core(x, cols_, tile_cols_))];
 }
 
 }  // namespace curlew

@@ -2,12 +2,12 @@
 
 #include <cstdint>
 
+#include "core/as_size.h"
+
 namespace curlew {
 namespace {
 
 constexpr float kTwoPi = 6.28318530718F;
-
-std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
 
 }  // namespace
 
@@ -23,7 +23,7 @@ VortexLoops vortex_loops(float x, float y, float charge, float softening) noexce
       const auto along = along_corners(-dy * inverse, dx * inverse);
       const auto add = [&](int row, int col, float value) {
         if (row >= 0 && row < kLoopSide && col >= 0 && col < kLoopSide)
-          loops[index(row * kLoopSide + col)] += value;
+          loops[as_size(row * kLoopSide + col)] += value;
       };
       add(i - 1, j - 1, along[0]);
       add(i - 1, j, along[1]);
@@ -33,10 +33,10 @@ VortexLoops vortex_loops(float x, float y, float charge, float softening) noexce
   }
   float sum[2] = {0.0F, 0.0F};
   for (int i = 0; i < kLoopSide; ++i)
-    for (int j = 0; j < kLoopSide; ++j) sum[(i + j) % 2] += loops[index(i * kLoopSide + j)];
+    for (int j = 0; j < kLoopSide; ++j) sum[(i + j) % 2] += loops[as_size(i * kLoopSide + j)];
   for (int i = 0; i < kLoopSide; ++i)
     for (int j = 0; j < kLoopSide; ++j)
-      loops[index(i * kLoopSide + j)] *= charge * kTwoPi / sum[(i + j) % 2];
+      loops[as_size(i * kLoopSide + j)] *= charge * kTwoPi / sum[(i + j) % 2];
   return loops;
 }
 

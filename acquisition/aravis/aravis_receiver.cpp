@@ -6,6 +6,8 @@
 #include <limits>
 #include <utility>
 
+#include "core/utc_now.h"
+
 namespace curlew {
 namespace {
 
@@ -99,9 +101,7 @@ void AravisReceiver::take_done(ArvStream* stream, ArvBuffer* buffer) noexcept {
 
   FrameHeader header;
   header.received = received;
-  header.received_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(
-                           std::chrono::system_clock::now().time_since_epoch())
-                           .count();
+  header.received_ns = utc_now_ns();
   header.camera_ns = static_cast<std::int64_t>(arv_buffer_get_timestamp(buffer));
   const std::uint64_t id = arv_buffer_get_frame_id(buffer);
   number(stream, id, header);

@@ -12,6 +12,7 @@
 #include <system_error>
 
 #include "acquisition/fits/partial_path.h"
+#include "core/as_size.h"
 #include "core/error.h"
 
 namespace curlew {
@@ -32,8 +33,6 @@ constexpr std::int64_t whole_blocks(std::int64_t bytes) {
 std::int64_t size(const std::vector<std::byte>& bytes) {
   return static_cast<std::int64_t>(bytes.size());
 }
-
-std::size_t index(std::int64_t bytes) { return static_cast<std::size_t>(bytes); }
 
 std::span<const std::byte> as_bytes(const std::string& text) {
   return std::as_bytes(std::span(text.data(), text.size()));
@@ -60,7 +59,7 @@ GrowingRecording::GrowingRecording(const std::string& path, const FrameFormat& f
   lay_out_tail();
   tail_end_ = head_bytes_ + size(tail_);
   try {
-    write(model_.memory().first(index(head_bytes_)), 0);
+    write(model_.memory().first(as_size(head_bytes_)), 0);
     write(tail_, head_bytes_);
     resize(tail_end_ + spare_bytes_);
   } catch (const Failure&) {  // no destructor will run
@@ -91,7 +90,7 @@ void GrowingRecording::append(const FrameView& frame, const FrameHeader& header)
   const std::span<const std::byte> bytes = encoded_;
   // What belongs where the tail is has to wait.
   const std::int64_t tail_left = std::max<std::int64_t>(0, tail_end_ - pending_end_);
-  const std::size_t hold = std::min(bytes.size(), index(tail_left));
+  const std::size_t hold = std::min(bytes.size(), as_size(tail_left));
   held_.insert(held_.end(), bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(hold));
   write(bytes.subspan(hold), pending_end_ + static_cast<std::int64_t>(hold));
   pending_end_ += static_cast<std::int64_t>(bytes.size());
@@ -120,8 +119,8 @@ void GrowingRecording::encode(const FrameView& frame) {
 void GrowingRecording::lay_out_tail() {
   model_.select("FRAMES");
   write_frame_rows(model_, committed_, pending_);
-  const std::span<const std::byte> model = model_.memory().subspan(index(head_bytes_));
-  tail_.assign(index(whole_blocks(pending_end_) - pending_end_), std::byte{0});
+  const std::span<const std::byte> model = model_.memory().subspan(as_size(head_bytes_));
+  tail_.assign(as_size(whole_blocks(pending_end_) - pending_end_), std::byte{0});
   tail_.insert(tail_.end(), model.begin(), model.end());
   spare_bytes_ = whole_blocks(std::max({kMinSpare, 4 * size(encoded_), 4 * size(tail_)}));
   const std::string card = FitsFile::card("NAXIS1", spare_bytes_, "frames being written");
@@ -134,7 +133,7 @@ void GrowingRecording::commit() {
   const std::int64_t new_tail_end = pending_end_ + size(tail_);
   // What of the new tail lies where the old one is, where frames are few, waits as well.
   const std::size_t hold =
-      std::min(tail_.size(), index(std::max<std::int64_t>(0, tail_end_ - pending_end_)));
+      std::min(tail_.size(), as_size(std::max<std::int64_t>(0, tail_end_ - pending_end_)));
   held_.insert(held_.end(), tail_.begin(), tail_.begin() + static_cast<std::ptrdiff_t>(hold));
   write(std::span(tail_).subspan(hold), pending_end_ + static_cast<std::int64_t>(hold));
   resize(new_tail_end + spare_bytes_);

@@ -62,10 +62,6 @@ class Simulator final : public FrameSource {
   /// The complex field over the array in a frame, before the pupil; values [rows·n, cols·n].
   SampledField field(std::int64_t frame);
 
-  /// The electrons a lit lenslet gathers where the amplitude is 1: the photons asked for, or what
-  /// the scale of noise-free frames comes to (behind turbulence: of the latest).
-  double electrons_per_lenslet() const { return electrons_; }
-
   /// Mean electrons per pixel, background included, in that frame; [rows, cols] of pixels.
   const Image<float>& expected_image_e(std::int64_t frame = 0);
 

@@ -15,6 +15,7 @@
 #include "acquisition/usb/usb_frame_assembler.h"
 #include "acquisition/usb/usb_handle.h"
 #include "core/error.h"
+#include "core/utc_now.h"
 
 namespace curlew {
 namespace {
@@ -24,10 +25,7 @@ using std::chrono::steady_clock;
 /// Cancelled transfers of a healthy kernel come back within microseconds.
 constexpr auto kLongestDrain = std::chrono::seconds(1);
 
-UsbFrameAssembler::Arrival now() {
-  const auto utc = std::chrono::system_clock::now().time_since_epoch();
-  return {steady_clock::now(), std::chrono::duration_cast<std::chrono::nanoseconds>(utc).count()};
-}
+UsbFrameAssembler::Arrival now() { return {steady_clock::now(), utc_now_ns()}; }
 
 /// Why a transfer came back without success.
 const char* transfer_failure(libusb_transfer_status status) {

@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "core/as_size.h"
 #include "core/error.h"
 
 namespace curlew {
@@ -57,8 +58,6 @@ std::vector<std::size_t> shorter_matches(const std::vector<std::byte>& sync) {
   return shorter;
 }
 
-std::size_t size_of(int value) { return static_cast<std::size_t>(value); }
-
 }  // namespace
 
 FrameFormat usb_frame_format(const UsbLayout& layout) {
@@ -76,14 +75,14 @@ FrameFormat usb_frame_format(const UsbLayout& layout) {
     throw UsageError("[usb] header_bytes and trailer_bytes cannot be negative");
   }
   const std::size_t sync = sync_bytes(layout.sync).size();
-  if (sync > size_of(layout.header_bytes)) {
+  if (sync > as_size(layout.header_bytes)) {
     throw UsageError(
         fmt::format("[usb] sync is {} bytes and header_bytes = {}: sync is part of the "
                     "header, set header_bytes to all of it",
                     sync, layout.header_bytes));
   }
   if (layout.sequence_offset >= 0 && (layout.sequence_offset + 4 > layout.header_bytes ||
-                                      size_of(layout.sequence_offset) < sync)) {
+                                      as_size(layout.sequence_offset) < sync)) {
     throw UsageError(
         fmt::format("[usb] sequence_offset = {}: the 4 bytes of the frame number must lie in the "
                     "header of {} bytes, after the {} bytes of sync",
@@ -97,12 +96,12 @@ FrameFormat usb_frame_format(const UsbLayout& layout) {
 }
 
 std::size_t usb_frame_bytes(const UsbLayout& layout) {
-  return size_of(layout.header_bytes) + usb_frame_format(layout).bytes() +
-         size_of(layout.trailer_bytes);
+  return as_size(layout.header_bytes) + usb_frame_format(layout).bytes() +
+         as_size(layout.trailer_bytes);
 }
 
 UsbFrameAssembler::UsbFrameAssembler(const UsbLayout& layout, Empty empty, Deliver deliver)
-    : header_bytes_(size_of(layout.header_bytes)),
+    : header_bytes_(as_size(layout.header_bytes)),
       pixel_bytes_(usb_frame_format(layout).bytes()),
       frame_bytes_(usb_frame_bytes(layout)),
       rows_(layout.rows),
@@ -112,7 +111,7 @@ UsbFrameAssembler::UsbFrameAssembler(const UsbLayout& layout, Empty empty, Deliv
       empty_(std::move(empty)),
       deliver_(std::move(deliver)),
       state_(sync_.empty() ? State::kBetween : State::kSearching),
-      header_(sequence_offset_ < 0 ? 0 : size_of(layout.sequence_offset) + 4) {}
+      header_(sequence_offset_ < 0 ? 0 : as_size(layout.sequence_offset) + 4) {}
 
 void UsbFrameAssembler::feed(Bytes bytes, bool ended_short, const Arrival& arrival) noexcept {
   arrival_ = arrival;

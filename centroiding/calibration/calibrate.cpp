@@ -161,15 +161,6 @@ void part_neighbours(Image<Window>& windows) {
   }
 }
 
-void drop(Sensor& sensor, std::size_t k) {
-  sensor.valid[k] = 0;
-  sensor.window[k] = {};
-  for (auto* map :
-       {&sensor.ref_x_px, &sensor.ref_y_px, &sensor.gain_x, &sensor.gain_y, &sensor.flux_adu}) {
-    (*map)[k] = kNaN;
-  }
-}
-
 /// A gain well below the others' belongs to a smear or to a spot that the rim cuts. Below
 /// kMinGain most of a displacement is lost, and dividing would multiply noise.
 void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
@@ -192,7 +183,7 @@ void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
     if (sensor.valid[k] == 0) continue;
     const WindowMeasurement& m = measured[k];
     if (m.gain_is_sure && std::min(m.gain.x, m.gain.y) < kMinOfTypical * typical) {
-      drop(sensor, k);
+      drop_lenslet(sensor, k);
       ++n_smeared;
       continue;
     }
@@ -255,7 +246,7 @@ void measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>& l
           measure_window(light, sensor.bad_pixel, sensor.window[k], threshold, reference_noise_adu);
     }
     if (measured[k].flux_adu <= 0.0) {
-      drop(sensor, k);
+      drop_lenslet(sensor, k);
       ++n_dropped;
       continue;
     }

@@ -5,16 +5,9 @@
 #include <numbers>
 #include <vector>
 
+#include "core/median.h"
+
 namespace curlew {
-namespace {
-
-double median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-}  // namespace
 
 FrameNoise estimate_frame_noise(const Sensor& sensor, const FrameFormat& format, FrameView frame) {
   constexpr std::size_t kMinimum = 30;       // below, the median scatters by more than 20 %
@@ -44,7 +37,8 @@ FrameNoise estimate_frame_noise(const Sensor& sensor, const FrameFormat& format,
       }
   }
   if (differences.size() < kMinimum) return {};
-  return {median(differences) / (kMadOfGaussian * std::numbers::sqrt2), median(levels)};
+  return {median_of(std::span(differences)) / (kMadOfGaussian * std::numbers::sqrt2),
+          median_of(std::span(levels))};
 }
 
 }  // namespace curlew

@@ -4,15 +4,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/median.h"
+
 namespace curlew {
 namespace {
 
 float square(float x) noexcept { return x * x; }
-
-float median(std::span<float> values) noexcept {
-  std::sort(values.begin(), values.end());
-  return 0.5F * (values[(values.size() - 1) / 2] + values[values.size() / 2]);
-}
 
 }  // namespace
 
@@ -64,7 +61,7 @@ void VortexMotion::learn_interval(float dt) noexcept {
 
 /// The median, smoothed.
 void VortexMotion::learn_drift(std::span<float> along_x, std::span<float> along_y) noexcept {
-  const Eigen::Vector2f now(median(along_x), median(along_y));
+  const Eigen::Vector2f now(median_of(along_x), median_of(along_y));
   // Fast at first, then an average over some 20 frames.
   const float gain = std::max(0.05F, 1.0F - drift_known_);
   drift_ += gain * (now - drift_);

@@ -1,10 +1,11 @@
 // Timing what takes microseconds.
 #pragma once
 
-#include <algorithm>
 #include <chrono>
-#include <cstddef>
+#include <span>
 #include <vector>
+
+#include "core/median.h"
 
 namespace curlew {
 
@@ -17,11 +18,7 @@ double time_us(Do something) {
       .count();
 }
 
-/// The larger of the middle two of an even number.
-inline double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
+/// As median_of(), and leaves the caller's values in their order.
+inline double median(std::vector<double> values) { return median_of(std::span(values)); }
 
 }  // namespace curlew

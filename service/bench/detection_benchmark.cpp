@@ -4,6 +4,7 @@
 #include <memory>
 #include <utility>
 
+#include "core/as_size.h"
 #include "service/bench/bench_timing.h"
 #include "service/bench/benchmark_fields.h"
 #include "service/bench/detection_rows.h"
@@ -11,8 +12,6 @@
 
 namespace curlew {
 namespace {
-
-std::size_t size(int n) { return static_cast<std::size_t>(n); }
 
 /// What one detector makes of one subset, by frame.
 struct Judged {
@@ -28,11 +27,11 @@ std::vector<Judged> judge(const MeasurementPlan& plan, const std::vector<Detecto
   const auto n = fields.realisations.size();
   std::vector<Judged> judged(rows.size(), Judged(n));
   measuring_us.resize(n);
-  std::vector<std::unique_ptr<MeasuredFrame>> frames(size(threads));
+  std::vector<std::unique_ptr<MeasuredFrame>> frames(as_size(threads));
   const Interior interior{plan.parameters().rows, plan.parameters().cols, &plan.sensor().valid};
   for_each_in_parallel(static_cast<int>(n), threads, [&](int index, int thread) {
-    const std::size_t i = size(index);
-    auto& frame = frames[size(thread)];
+    const std::size_t i = as_size(index);
+    auto& frame = frames[as_size(thread)];
     if (!frame) frame = std::make_unique<MeasuredFrame>(plan);
     measuring_us[i] = time_us([&] {
       measure_frame(plan, fields.realisations[i], realisation_seed(fields.subset, index), *frame);

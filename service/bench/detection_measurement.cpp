@@ -18,8 +18,7 @@ namespace {
 constexpr double kBiasAdu = 100.0;
 constexpr double kSaturationAdu = 65535.0;
 constexpr double kNoiseFreePeakAdu = 60000.0;
-constexpr double kGainTilt = 0.25;  // rad a pitch
-constexpr double kObscuration = 0.3;
+constexpr double kGainTilt = 0.25;                // rad a pitch
 constexpr std::uint64_t kFadingStream = 0xfaded;  // not one of the fluxes'
 
 /// A pixel of the noisiest lenslet holds less than 13 times what a lenslet of amplitude 1 gathers.
@@ -67,21 +66,16 @@ Image<float> shade(const MeasurementPlan& plan, const Image<float>& light, std::
   return left;
 }
 
-}  // namespace
-
-Image<std::uint8_t> pupil_mask(Pupil pupil, int rows, int cols) {
-  Image<std::uint8_t> mask(rows, cols, 1);
-  if (pupil == Pupil::kSquare) return mask;
-  const double hole = pupil == Pupil::kObscured ? kObscuration : 0.0;
-  for (int r = 0; r < rows; ++r) {
-    for (int c = 0; c < cols; ++c) {
-      const double radius =
-          std::hypot((r - 0.5 * (rows - 1)) / (0.5 * rows), (c - 0.5 * (cols - 1)) / (0.5 * cols));
-      mask(r, c) = radius <= 1.0 && radius >= hole ? 1 : 0;
-    }
-  }
-  return mask;
+/// 1 where a lenslet lies in the pupil, [rows, cols].
+Image<std::uint8_t> pupil_mask(PupilShape shape, int rows, int cols) {
+  SimulatorOptions simulated;
+  simulated.rows = rows;
+  simulated.cols = cols;
+  simulated.pupil = shape;
+  return find_lit_lenslets(simulated);
 }
+
+}  // namespace
 
 MeasurementPlan::MeasurementPlan(const FieldParameters& parameters,
                                  const MeasurementOptions& options)
@@ -102,7 +96,7 @@ MeasurementPlan::MeasurementPlan(const FieldParameters& parameters,
   centroid.edge_fraction = 0.0;
   centroid_.emplace(make_sensor(1.0), format_, centroid);
   sensor_ = make_sensor(measure_gain());
-  if (options.pupil != Pupil::kSquare) {
+  if (options.pupil != PupilShape::kSquare) {
     cover(sensor_, pupil_mask(options.pupil, parameters.rows, parameters.cols));
     centroid_.emplace(sensor_, format_, centroid);
   }
@@ -237,7 +231,7 @@ MeasuredFrame::MeasuredFrame(const MeasurementPlan& plan)
 
 void measure_frame(const MeasurementPlan& plan, const Realisation& realisation, std::uint64_t seed,
                    MeasuredFrame& measured) {
-  const bool shaded = plan.options().pupil != Pupil::kSquare || plan.options().faded > 0.0;
+  const bool shaded = plan.options().pupil != PupilShape::kSquare || plan.options().faded > 0.0;
   const Image<float> left = shaded ? shade(plan, realisation.light, seed) : Image<float>();
   const Image<float>& light = shaded ? left : realisation.light;
   if (plan.noisy()) {

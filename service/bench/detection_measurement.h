@@ -5,6 +5,7 @@
 #include <limits>
 #include <optional>
 
+#include "acquisition/simulator/simulator_options.h"
 #include "centroiding/centroid.h"
 #include "centroiding/sensor.h"
 #include "centroiding/slopes.h"
@@ -19,13 +20,6 @@ namespace curlew {
 
 inline constexpr double kWithoutNoise = std::numeric_limits<double>::infinity();  ///< photons
 
-/// Which lenslets get light.
-enum class Pupil {
-  kSquare,    ///< all
-  kRound,     ///< those whose centre lies in the array's inscribed circle
-  kObscured,  ///< of these, those beyond .3 of its radius
-};
-
 struct MeasurementOptions {
   double photons = 1000.0;    ///< a lenslet of amplitude 1; infinite: no noise, and no threshold
   double read_noise_e = 1.0;  ///< rms
@@ -35,12 +29,9 @@ struct MeasurementOptions {
   double spot_sigma_px = 0.0;
   double reference_pull = 3.0;
   int brightest_pixels = 0;
-  Pupil pupil = Pupil::kSquare;
+  PupilShape pupil = PupilShape::kSquare;  ///< which lenslets get light
   double faded = 0.0;  ///< part of the pupil's lenslets, drawn anew in every frame, that are dark
 };
-
-/// 1 where a lenslet lies in the pupil, [rows, cols].
-Image<std::uint8_t> pupil_mask(Pupil pupil, int rows, int cols);
 
 /// All that does not change from frame to frame. Const after construction, shared by threads.
 ///

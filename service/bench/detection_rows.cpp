@@ -156,18 +156,22 @@ std::vector<Candidate> peaks_of_spread(const MeasuredFrame& frame) {
 
 /// Slopes of the lenslets that have light, as the pipeline has them.
 SlopeField lit_slopes(const MeasuredFrame& frame) {
-  SlopeField slopes = frame.slopes;
-  slopes.n_valid = 0;
-  for (std::size_t k = 0; k < slopes.valid.size(); ++k) {
-    const bool lit = frame.centroids.state[k] == LensletState::kValid;
-    slopes.valid[k] = lit ? 1 : 0;
-    slopes.n_valid += lit ? 1 : 0;
-    if (lit) continue;
-    for (Image<float>* map :
-         {&slopes.x, &slopes.y, &slopes.variance_x, &slopes.variance_y, &slopes.covariance_xy})
-      (*map)[k] = 0.0F;
-  }
+  SlopeField slopes(frame.slopes.rows(), frame.slopes.cols());
+  leave_out_weak(frame.centroids, frame.slopes, slopes);
   return slopes;
+}
+
+Candidate candidate_at(const Vortex& vortex, double score) {
+  return {static_cast<double>(vortex.x), static_cast<double>(vortex.y), vortex.charge, score};
+}
+
+/// Unresolved pairs are no candidates.
+std::vector<Candidate> singles_by_probability(const VortexList& vortices) {
+  std::vector<Candidate> found;
+  for (const Vortex& vortex : vortices)
+    if (vortex.charge != 0)
+      found.push_back(candidate_at(vortex, static_cast<double>(vortex.probability)));
+  return found;
 }
 
 /// find_circulation_vortices with its threshold far down, on the lenslets that have light alone.
@@ -190,8 +194,7 @@ class ShippedDetector {
       const double rank = significance < static_cast<double>(kMaxSignificance)
                               ? significance
                               : significance + std::abs(static_cast<double>(vortex.circulation));
-      found.push_back(
-          {static_cast<double>(vortex.x), static_cast<double>(vortex.y), vortex.charge, rank});
+      found.push_back(candidate_at(vortex, rank));
     }
     return found;
   }
@@ -219,13 +222,7 @@ class WhitenedDetector {
     WhitenedWorkspace workspace(*plan_);
     VortexList vortices(plan_->capacity());
     find_whitened_vortices(*plan_, slopes, frame.centroids.flux_adu, map, workspace, vortices);
-    std::vector<Candidate> found;
-    for (const Vortex& vortex : vortices) {
-      if (vortex.charge == 0) continue;
-      found.push_back({static_cast<double>(vortex.x), static_cast<double>(vortex.y), vortex.charge,
-                       static_cast<double>(vortex.probability)});
-    }
-    return found;
+    return singles_by_probability(vortices);
   }
 
  private:
@@ -244,12 +241,7 @@ class ClassifierDetector {
     std::unique_ptr<OneFrame> buffers = buffers_->take(*plan_);
     find_classified_vortices(*plan_, frame.frame.view(), frame.centroids, frame.circulation,
                              buffers->workspace, buffers->vortices);
-    std::vector<Candidate> found;
-    for (const Vortex& vortex : buffers->vortices) {
-      if (vortex.charge == 0) continue;
-      found.push_back({static_cast<double>(vortex.x), static_cast<double>(vortex.y), vortex.charge,
-                       static_cast<double>(vortex.probability)});
-    }
+    std::vector<Candidate> found = singles_by_probability(buffers->vortices);
     buffers_->give_back(std::move(buffers));
     return found;
   }
@@ -331,10 +323,11 @@ std::vector<DetectorRow> make_detector_rows(const MeasurementPlan& plan,
       {"potential_discrepancy", "the same of the slope discrepancy (Tyler 2000)",
        extrema_of_potential},
       {"spread", "spot spread, sign by the circulation around (Kalensky 2023)", peaks_of_spread},
-      {"shipped", "find_vortices: |D| over its sigma", ShippedDetector(plan)},
+      {"shipped", "find_circulation_vortices: |D| over its sigma", ShippedDetector(plan)},
       {"whitened", "find_whitened_vortices: matched filter on D, whitened by flux",
        WhitenedDetector(plan, kUncontrolled)},
-      {"classifier", "classify_vortices: a trained network on 4x4 spots", ClassifierDetector(plan)},
+      {"classifier", "find_classified_vortices: a trained network on 4x4 spots",
+       ClassifierDetector(plan)},
   };
   const DetectorRow classifier = rows.back();
   for (const double rate : controlled_rates) {

@@ -7,6 +7,8 @@
 #include <utility>
 
 #include "acquisition/simulator/field_vortices.h"
+#include "core/as_size.h"
+#include "service/bench/bench_timing.h"
 #include "service/bench/benchmark_fields.h"
 #include "service/bench/bootstrap.h"
 #include "service/bench/detection_rows.h"
@@ -16,17 +18,8 @@
 namespace curlew {
 namespace {
 
-std::size_t size(int n) { return static_cast<std::size_t>(n); }
-
 double root_mean(double sum, double n) {
   return n > 0.0 ? std::sqrt(sum / n) : std::numeric_limits<double>::quiet_NaN();
-}
-
-double median(std::vector<double> values) {
-  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 /// Learns from the training fields, each as a whole.
@@ -43,9 +36,10 @@ FieldModes learn_modes(const PositionBenchmarkOptions& options, const FieldParam
   constexpr int kAtOnce = 8;
   for (int first = 0; first < options.training_realisations; first += kAtOnce) {
     const int n = std::min(kAtOnce, options.training_realisations - first);
-    std::vector<SampledField> fields(size(n));
+    std::vector<SampledField> fields(as_size(n));
     for_each_in_parallel(n, options.threads, [&](int i, int) {
-      fields[size(i)] = simulate_true_field(whole, realisation_seed(Subset::kTraining, first + i));
+      fields[as_size(i)] =
+          simulate_true_field(whole, realisation_seed(Subset::kTraining, first + i));
       const std::scoped_lock lock(adding);
       step();
     });
@@ -114,8 +108,8 @@ using Chosen = std::vector<const PositionVortex*>;
 
 std::vector<PositionScore> bootstrap(const std::vector<PositionVortex>& vortices, int fields,
                                      int samples) {
-  std::vector<Chosen> by_field(size(fields));
-  for (const PositionVortex& vortex : vortices) by_field[size(vortex.field)].push_back(&vortex);
+  std::vector<Chosen> by_field(as_size(fields));
+  for (const PositionVortex& vortex : vortices) by_field[as_size(vortex.field)].push_back(&vortex);
   std::vector<PositionScore> scores;
   for (int sample = 0; sample < samples; ++sample) {
     Chosen drawn;
@@ -206,11 +200,11 @@ std::vector<PositionCellResult> run_position_benchmark(const PositionBenchmarkOp
         field, Subset::kValidation, options.validation_realisations, options.threads, cache, step);
     const BenchmarkFields test =
         load_fields(field, Subset::kTest, options.test_realisations, options.threads, cache, step);
-    std::vector<BoundedField> bounded(size(options.test_realisations));
+    std::vector<BoundedField> bounded(as_size(options.test_realisations));
     std::mutex stepping;
     for_each_in_parallel(options.test_realisations, options.threads, [&](int i, int) {
-      bounded[size(i)] =
-          bound_field(options, field, i, test.truths[size(i)], modes, spots, information);
+      bounded[as_size(i)] =
+          bound_field(options, field, i, test.truths[as_size(i)], modes, spots, information);
       const std::scoped_lock lock(stepping);
       step();
     });

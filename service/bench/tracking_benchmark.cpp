@@ -7,6 +7,7 @@
 #include <tuple>
 #include <utility>
 
+#include "core/as_size.h"
 #include "core/error.h"
 #include "detect/classifier/vortex_classifier.h"
 #include "service/bench/bench_timing.h"
@@ -20,8 +21,6 @@ namespace {
 constexpr double kMinProbability = 0.02;  // of candidates
 constexpr double kFrameS = 1e-3;
 constexpr std::size_t kTracks = 256;  // at once
-
-std::size_t size(int n) { return static_cast<std::size_t>(n); }
 
 /// What one array saw: frame by frame.
 struct Watched {
@@ -59,9 +58,9 @@ std::vector<Watched> watch(const TrackingBenchmarkOptions& options, double photo
   std::vector<Watched> watched(fields.truths.size());
   for_each_in_parallel(static_cast<int>(watched.size()), options.threads, [&](int index, int) {
     const int field = index / arrays;
-    const FieldSequence& sequence = fields.sequences[size(field)][size(index % arrays)];
-    Watched& one = watched[size(index)];
-    one.truth = fields.truths[size(index)];
+    const FieldSequence& sequence = fields.sequences[as_size(field)][as_size(index % arrays)];
+    Watched& one = watched[as_size(index)];
+    one.truth = fields.truths[as_size(index)];
     MeasuredFrame frame(plan);
     ClassifierWorkspace workspace(classifier);
     VortexList vortices(2 * classifier.features().lenslet_count());
@@ -106,7 +105,7 @@ struct Blocks {
 void append(int block_frames, const std::vector<TrackingCounts>& counts,
             const std::vector<FrameVerdicts>& verdicts, Blocks& blocks) {
   for (std::size_t f = 0; f < counts.size(); ++f) {
-    if (f % size(block_frames) == 0) {
+    if (f % as_size(block_frames) == 0) {
       blocks.counts.emplace_back();
       blocks.verdicts.emplace_back();
     }
@@ -128,7 +127,7 @@ TrackingRow make_row(const Blocks& blocks, int samples) {
     TrackingFigures figures;
     draw_frames(blocks.counts.size(), kBootstrapSeed, sample,
                 [&](std::size_t block) { figures.counts += blocks.counts[block]; });
-    figures.average_precision = scores[size(sample)].average_precision;
+    figures.average_precision = scores[as_size(sample)].average_precision;
     row.samples.push_back(figures);
   }
   return row;

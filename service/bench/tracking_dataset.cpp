@@ -13,6 +13,7 @@
 
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/simulator/simulator.h"
+#include "core/as_size.h"
 #include "core/error.h"
 #include "service/program/hash.h"
 #include "service/program/parallel.h"
@@ -24,8 +25,6 @@ namespace {
 constexpr int kPartFrames = 50;
 constexpr int kFirstSequence = 500'000;  // of a subset's realisations
 constexpr int kCacheVersion = 1;
-
-std::size_t size(int n) { return static_cast<std::size_t>(n); }
 
 /// Some frames of a sequence, from frame part·kPartFrames on.
 std::string path_of(const SequenceParameters& s, std::uint64_t seed, int part,
@@ -92,9 +91,9 @@ std::optional<FieldSequence> read_part(const SequenceParameters& parameters,
     file.read_column<double>("X", 0, x);
     file.read_column<double>("Y", 0, y);
     file.read_column<std::int32_t>("CHARGE", 0, charge);
-    sequence.vortices.resize(size(kPartFrames * parameters.steps));
+    sequence.vortices.resize(as_size(kPartFrames * parameters.steps));
     for (std::size_t i = 0; i < n; ++i)
-      sequence.vortices.at(size(step[i])).push_back({x[i], y[i], charge[i], 0.0, 0.0});
+      sequence.vortices.at(as_size(step[i])).push_back({x[i], y[i], charge[i], 0.0, 0.0});
     return sequence;
   } catch (const Failure&) {
     return std::nullopt;
@@ -130,7 +129,7 @@ void cut(const FieldSequence& all, const SequenceParameters& parameters, int arr
   const int row = array / parameters.arrays * p.rows;
   const int col = array % parameters.arrays * p.cols;
   for (std::size_t i = 0; i < all.light.size(); ++i) {
-    const std::size_t frame = size(first) + i;
+    const std::size_t frame = as_size(first) + i;
     if (frame >= sequence.light.size()) break;
     Image<float> light(p.rows * p.window_px, p.cols * p.window_px);
     for (int y = 0; y < light.rows(); ++y)
@@ -139,7 +138,7 @@ void cut(const FieldSequence& all, const SequenceParameters& parameters, int arr
     sequence.light[frame] = std::move(light);
   }
   for (std::size_t i = 0; i < all.vortices.size(); ++i) {
-    const std::size_t step = size(first * parameters.steps) + i;
+    const std::size_t step = as_size(first * parameters.steps) + i;
     if (step >= sequence.vortices.size()) break;
     for (SceneVortex vortex : all.vortices[i]) {
       vortex.x -= col;
@@ -177,10 +176,10 @@ std::vector<FieldSequence> read_or_simulate(const SequenceParameters& parameters
   if (parameters.steps < 1 || parameters.arrays < 1)
     throw UsageError("arrays and steps must be 1 or more");
   make_cache_folder(folder);
-  std::vector<FieldSequence> sequences(size(parameters.arrays * parameters.arrays));
+  std::vector<FieldSequence> sequences(as_size(parameters.arrays * parameters.arrays));
   for (FieldSequence& sequence : sequences) {
-    sequence.light.resize(size(frames));
-    sequence.vortices.resize(size(frames * parameters.steps));
+    sequence.light.resize(as_size(frames));
+    sequence.vortices.resize(as_size(frames * parameters.steps));
   }
   std::mutex stepping;
   for_each_in_parallel(sequence_parts(frames), threads, [&](int part, int) {

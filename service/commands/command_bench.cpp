@@ -4,6 +4,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "acquisition/loop_source.h"
 #include "core/error.h"
 #include "service/bench/bench_frames.h"
 #include "service/bench/bench_run.h"
@@ -35,28 +36,17 @@ std::vector<BenchCase> cases(const BenchOptions& options) {
   return {BenchCase{options.rows, options.cols, options.window_px}};
 }
 
-/// A few frames over and over, from memory.
-class LoopSource final : public FrameSource {
- public:
-  LoopSource(const std::vector<BenchFrame>& frames, std::int64_t count)
-      : frames_(frames), count_(count) {}
-
-  const FrameFormat& format() const override { return frames_.front().format; }
-  std::int64_t frame_count() const override { return count_; }
-  Delivery next(FrameBuffer& into) override {
-    if (delivered_ == count_) return Delivery::kEnd;
-    const BenchFrame& frame = frames_[static_cast<std::size_t>(delivered_) % frames_.size()];
-    std::copy_n(frame.view().pixels, frame.format.bytes(), into.data());
-    into.header = {.sequence = delivered_++, .received = std::chrono::steady_clock::now()};
-    into.rows_ready = frame.format.rows;
-    return Delivery::kFrame;
+LoopSource::Frames make_frames(const BenchCase& which) {
+  constexpr std::uint64_t kDistinctFrames = 4;
+  LoopSource::Frames frames;
+  for (std::uint64_t seed = 1; seed <= kDistinctFrames; ++seed) {
+    const BenchFrame drawn = make_bench_frame(which, BenchSlopes::kSmooth, seed);
+    auto frame = std::make_shared<FrameBuffer>(drawn.format);
+    std::copy_n(drawn.view().pixels, drawn.format.bytes(), frame->data());
+    frames.push_back(std::move(frame));
   }
-
- private:
-  const std::vector<BenchFrame>& frames_;
-  std::int64_t count_;
-  std::int64_t delivered_ = 0;
-};
+  return frames;
+}
 
 struct Measured {
   RunReport report;
@@ -64,13 +54,8 @@ struct Measured {
 };
 
 Measured measure(const BenchCase& which, const BenchOptions& options) {
-  constexpr int kDistinctFrames = 4;
   constexpr std::int64_t kWarmUp = 100;
-  std::vector<BenchFrame> frames;
-  frames.reserve(kDistinctFrames);
-  for (int i = 0; i < kDistinctFrames; ++i)
-    frames.push_back(
-        make_bench_frame(which, BenchSlopes::kSmooth, static_cast<std::uint64_t>(i) + 1));
+  const LoopSource::Frames frames = make_frames(which);
   Sensor sensor = tiled_sensor(which);
   add_maps(sensor, 1);
   Config config;
@@ -78,7 +63,7 @@ Measured measure(const BenchCase& which, const BenchOptions& options) {
   config.pipeline.threads = setting_from<Threading>(options.threads, "--threads");
   config.pipeline.cpus = options.cpus;
   ThreadPlacement placement(options.cpus, 0);
-  Pipeline pipeline(std::make_shared<const Plan>(sensor, frames.front().format, config),
+  Pipeline pipeline(std::make_shared<const Plan>(sensor, frames.front()->format(), config),
                     config.pipeline, placement.thread_start());
   LoopSource warm_up(frames, kWarmUp);
   RecordedFeed warm_up_feed(warm_up, {});

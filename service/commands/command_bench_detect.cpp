@@ -12,6 +12,7 @@
 #include "service/bench/bench_run.h"
 #include "service/bench/detection_benchmark.h"
 #include "service/commands/commands.h"
+#include "service/commands/pupil_option.h"
 #include "service/program/version.h"
 
 namespace curlew {
@@ -64,10 +65,6 @@ std::string photons_text(double photons) {
   return std::isfinite(photons) ? fmt::format("{} photons", photons) : "no noise";
 }
 
-std::string pupil_name(Pupil pupil) {
-  return pupil == Pupil::kSquare ? "square" : pupil == Pupil::kRound ? "round" : "obscured";
-}
-
 /// NaN has no place in JSON.
 nlohmann::ordered_json number(double value) {
   return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
@@ -95,7 +92,7 @@ nlohmann::ordered_json results_json(const DetectionBenchmarkOptions& options,
   json["lenslet"] = options.field.lenslet;
   json["window_px"] = options.field.window_px;
   json["samples_per_lambda_w"] = options.field.samples_per_lambda_w;
-  json["pupil"] = pupil_name(options.measurement.pupil);
+  json["pupil"] = pupil_word(options.measurement.pupil);
   json["faded"] = options.measurement.faded;
   json["validation_realisations"] = options.validation_realisations;
   json["test_realisations"] = options.test_realisations;
@@ -218,11 +215,7 @@ void add_bench_detect(CLI::App& bench) {
       ->add_option("--brightest-pixels", benchmark.measurement.brightest_pixels,
                    "that count in the centroid of that name")
       ->capture_default_str();
-  detect
-      ->add_option("--pupil", benchmark.measurement.pupil,
-                   "square (default), round or obscured: which lenslets get light")
-      ->transform(CLI::CheckedTransformer(std::map<std::string, Pupil>{
-          {"square", Pupil::kSquare}, {"round", Pupil::kRound}, {"obscured", Pupil::kObscured}}));
+  add_pupil_option(*detect, benchmark.measurement.pupil);
   detect
       ->add_option("--faded", benchmark.measurement.faded,
                    "part of the lenslets, others in every frame, that are dark")

@@ -5,13 +5,13 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
-#include <optional>
 
 #include "acquisition/fits/partial_path.h"
 #include "acquisition/recording/fits_source.h"
 #include "centroiding/calibration/frame_noise.h"
 #include "core/error.h"
 #include "service/commands/commands.h"
+#include "service/commands/pipeline_flags.h"
 #include "service/pipeline.h"
 #include "service/program/interrupt.h"
 #include "service/program/outputs.h"
@@ -30,28 +30,13 @@ namespace {
 struct ReplayOptions {
   std::vector<std::string> recordings;
   std::string sensor;
-  std::string config;
+  PipelineFlags pipeline;
   std::string out;
   std::string jsonl;
   std::vector<std::string> save;
-  std::optional<double> false_alarms;
-  std::string threads;
-  std::string method;
-  bool track = false;
   double pace_hz = 0.0;
   std::int64_t show = 3;
 };
-
-Config configuration(const ReplayOptions& options) {
-  Config config = options.config.empty() ? Config{} : read_config(options.config);
-  if (!options.method.empty())
-    config.detect.method = setting_from<DetectMethod>(options.method, "--method");
-  config.track.enabled |= options.track;
-  if (options.false_alarms) config.detect.false_alarms_per_frame = *options.false_alarms;
-  if (!options.threads.empty())
-    config.pipeline.threads = setting_from<Threading>(options.threads, "--threads");
-  return config;
-}
 
 /// Sentences on what the frames and the sensor file say differently about the detector: thresholds
 /// and significances follow the sensor file.
@@ -91,7 +76,7 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
 void replay(const ReplayOptions& options) {
   std::vector<std::string> inputs = options.recordings;
   inputs.push_back(options.sensor);
-  inputs.push_back(options.config);
+  inputs.push_back(options.pipeline.config);
   refuse_overwriting(options.out, inputs);
   refuse_overwriting(options.jsonl, inputs);
   if (!options.save.empty() && options.out.empty())
@@ -102,7 +87,7 @@ void replay(const ReplayOptions& options) {
   if (options.pace_hz != 0.0 && !(options.pace_hz >= 1e-3 && options.pace_hz <= 1e6))
     throw UsageError("--pace must be from 0.001 to 1000000 Hz, or 0");
   const SaveOptions save = save_options_from(options.save);
-  Config config = configuration(options);
+  Config config = options.pipeline.configuration();
   config.split.hidden_phase |= save.whole_phase;
   Sensor sensor = read_sensor(options.sensor);
   FitsSource source(options.recordings);
@@ -173,20 +158,13 @@ void add_replay(CLI::App& app) {
   command->add_option("recordings", options->recordings, "FITS files, in order")->required();
   command->add_option("--sensor", options->sensor, "sensor file made by 'curlew calibrate'")
       ->required();
-  command->add_option("--config", options->config, "configuration (TOML)");
   command->add_option("--out", options->out, "results (FITS)");
   command
       ->add_option("--save", options->save,
                    "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation")
       ->delimiter(',');
   command->add_option("--jsonl", options->jsonl, "one JSON object a frame");
-  command->add_option("--method", options->method,
-                      "how vortices are found: circulation (default), whitened or classifier");
-  command->add_flag("--track", options->track,
-                    "follow vortices from frame to frame, and report what lasts");
-  command->add_option("--false-alarms", options->false_alarms,
-                      "vortices reported a frame where there is only noise (default 0.01)");
-  command->add_option("--threads", options->threads, "inline (default) or per_stage");
+  options->pipeline.add_to(*command);
   command->add_option("--pace", options->pace_hz, "deliver frames no faster than this, in Hz");
   command->add_option("--show", options->show, "print the vortices of so many frames (default 3)");
   command->callback([options] { replay(*options); });

@@ -3,10 +3,10 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
-#include <optional>
 
 #include "core/error.h"
 #include "service/commands/commands.h"
+#include "service/commands/pipeline_flags.h"
 #include "service/daemon/control_socket.h"
 #include "service/daemon/daemon.h"
 #include "service/program/interrupt.h"
@@ -17,29 +17,19 @@ namespace curlew {
 namespace {
 
 struct RunCommand {
-  std::string config;
+  PipelineFlags pipeline;
   std::string camera;
   std::string sensor;
   std::string jsonl;
-  std::string threads;
-  std::string method;
-  bool track = false;
-  std::optional<double> false_alarms;
   DaemonLimits limits;
 };
 
-/// The file, and over it what the command line says. Read again at every reload.
+/// Read again at every reload.
 Config configuration(const RunCommand& options) {
-  Config config = options.config.empty() ? Config{} : read_config(options.config);
+  Config config = options.pipeline.configuration();
   if (!options.camera.empty()) config.camera.source = options.camera;
   if (!options.sensor.empty()) config.daemon.sensor = options.sensor;
   if (!options.jsonl.empty()) config.daemon.jsonl = options.jsonl;
-  if (!options.threads.empty())
-    config.pipeline.threads = setting_from<Threading>(options.threads, "--threads");
-  if (!options.method.empty())
-    config.detect.method = setting_from<DetectMethod>(options.method, "--method");
-  config.track.enabled |= options.track;
-  if (options.false_alarms) config.detect.false_alarms_per_frame = *options.false_alarms;
   return config;
 }
 
@@ -73,7 +63,6 @@ void run_daemon(const RunCommand& options) {
 void add_run(CLI::App& app) {
   auto options = std::make_shared<RunCommand>();
   CLI::App* command = app.add_subcommand("run", "Watch a camera: the daemon");
-  command->add_option("--config", options->config, "configuration (TOML); read again at SIGHUP");
   command->add_option("--camera", options->camera,
                       "aravis:ID (or aravis: for the only one), usb:VID:PID, sim:PRESET or "
                       "file:RECORDING.fits");
@@ -84,13 +73,7 @@ void add_run(CLI::App& app) {
   command->add_option("--seconds", options->limits.seconds, "end after so long")
       ->check(CLI::Range(0.001, 1e9));
   command->add_option("--jsonl", options->jsonl, "append one JSON object a frame");
-  command->add_option("--threads", options->threads, "inline (default) or per_stage");
-  command->add_option("--method", options->method,
-                      "how vortices are found: circulation (default), whitened or classifier");
-  command->add_flag("--track", options->track,
-                    "follow vortices from frame to frame, and report what lasts");
-  command->add_option("--false-alarms", options->false_alarms,
-                      "vortices reported a frame where there is only noise (default 0.01)");
+  options->pipeline.add_to(*command);
   command->callback([options] { run_daemon(*options); });
 }
 

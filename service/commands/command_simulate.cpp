@@ -14,6 +14,7 @@
 #include "acquisition/simulator/simulator.h"
 #include "core/error.h"
 #include "service/commands/commands.h"
+#include "service/commands/pupil_option.h"
 #include "service/program/interrupt.h"
 #include "service/program/outputs.h"
 #include "service/program/progress.h"
@@ -233,11 +234,7 @@ void add_simulate(CLI::App& app) {
       ->capture_default_str();
   command->add_option("--sampling", simulator.samples_per_lambda_w, "pixels per λ/w in the focus")
       ->capture_default_str();
-  command->add_option("--pupil", simulator.pupil, "square, round or obscured")
-      ->transform(CLI::CheckedTransformer(
-          std::map<std::string, PupilShape>{{"square", PupilShape::kSquare},
-                                            {"round", PupilShape::kRound},
-                                            {"obscured", PupilShape::kObscured}}));
+  add_pupil_option(*command, simulator.pupil);
   command->add_option("--obscuration", simulator.obscuration, "of the obscured pupil's diameter")
       ->capture_default_str();
   command

@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "core/error.h"
+#include "core/utc_now.h"
 #include "service/program/version.h"
 
 namespace curlew {
@@ -24,12 +25,6 @@ constexpr std::chrono::milliseconds kCommitInterval{500};
 constexpr std::chrono::seconds kLookInterval{1};
 constexpr std::int64_t kBlocks =
     std::int64_t{5} * 2880;  // headers and padding behind the frames, generously
-
-std::int64_t now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
 
 // curlew-20261123T041500.123Z
 std::string file_name(std::int64_t utc_ns) {
@@ -140,7 +135,7 @@ void RecorderFiles::end_file() noexcept {
 }
 
 void RecorderFiles::begin_file(const FrameHeader& first) {
-  const std::int64_t utc_ns = first.received_ns > 0 ? first.received_ns : now_ns();
+  const std::int64_t utc_ns = first.received_ns > 0 ? first.received_ns : utc_now_ns();
   const std::filesystem::path folder = options_.folder;
   const std::string name = file_name(utc_ns);
   std::filesystem::path path = folder / (name + ".fits");

@@ -5,10 +5,10 @@
 #include <cmath>
 #include <vector>
 
+#include "core/as_size.h"
+
 namespace curlew {
 namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 double square_distance(const Vortex& found, const TruthVortex& truth) {
   const double dx = static_cast<double>(found.x) - truth.x;
@@ -30,9 +30,9 @@ void VortexPrinter::add(const FrameSlot& slot) {
   for (const GradedVortex& vortex : graded) required_ += vortex.required ? 1 : 0;
   for (std::size_t i = 0; i < found.size(); ++i) {
     const int j = match.truth_of_found[i];
-    if (j >= 0 && graded[index(j)].required) {
+    if (j >= 0 && graded[as_size(j)].required) {
       ++hits_;
-      square_error_ += square_distance(found[i], truth[index(j)]);
+      square_error_ += square_distance(found[i], truth[as_size(j)]);
     } else if (j < 0 && found[i].charge != 0) {
       ++false_;
     }
@@ -77,8 +77,8 @@ void VortexPrinter::print(std::int64_t frame, std::span<const Vortex> found,
     if (show_track_) fmt::print(" {:>6}", v.track);
     const int j = match.truth_of_found[i];
     if (j >= 0) {
-      seen[index(j)] = true;
-      fmt::print("   {:>8.3f} {:>8.3f}", truth[index(j)].x, truth[index(j)].y);
+      seen[as_size(j)] = true;
+      fmt::print("   {:>8.3f} {:>8.3f}", truth[as_size(j)].x, truth[as_size(j)].y);
     } else if (truth_.known() && v.charge != 0) {
       fmt::print("   false");
     }

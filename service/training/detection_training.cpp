@@ -12,6 +12,7 @@
 #include <numbers>
 
 #include "acquisition/simulator/random_stream.h"
+#include "core/as_size.h"
 #include "core/error.h"
 #include "detect/classifier/vortex_classifier.h"
 #include "service/bench/detection_measurement.h"
@@ -30,8 +31,6 @@ using Clock = std::chrono::steady_clock;
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
-
-std::size_t size(int n) { return static_cast<std::size_t>(n); }
 
 /// The cross entropy of a presence; adds its gradient.
 double lose_presence(const Label& label, float logit, float scale, float& gradient) {
@@ -98,7 +97,7 @@ double lose(const NodeLabel& label, const float* output, float scale, float* gra
 ClassifierNetwork unscaled(ClassifierNetwork network,
                            const std::array<float, kSpotFeatures>& scale) {
   DenseLayer& layer = network.layers.front();
-  const auto outputs = size(layer.outputs);
+  const auto outputs = as_size(layer.outputs);
   for (std::size_t k = 0; k < layer.weights.size(); ++k) layer.weights[k] *= scale[k / outputs];
   return network;
 }
@@ -179,12 +178,12 @@ TrainingReport train_vortex_classifier(const TrainingOptions& options,
     throw UsageError("training needs fields, validation fields, steps and a batch of 1 or more");
   TrainingReport report;
   Clock::time_point start = Clock::now();
-  std::vector<TrainingField> fields(size(options.fields));
+  std::vector<TrainingField> fields(as_size(options.fields));
   std::mutex logging;
   int done = 0;
   for_each_in_parallel(options.fields, options.threads, [&](int i, int) {
     const FieldParameters p = training_field(i);
-    fields[size(i)] =
+    fields[as_size(i)] =
         make_training_field(p, cache.read_or_simulate(p, realisation_seed(Subset::kTraining, i)));
     const std::scoped_lock lock(logging);
     if (++done % 50 == 0) log(fmt::format("{} of {} fields", done, options.fields));
@@ -213,12 +212,12 @@ TrainingReport train_vortex_classifier(const TrainingOptions& options,
   initialise(network, random);
   Lessons lessons(fields, options.seed);
   ClassifierOptimiser optimiser(network, 0, ClassifierNetwork::kHeadEnd, options.batch);
-  std::vector<NodeLabel> labels(size(options.batch));
+  std::vector<NodeLabel> labels(as_size(options.batch));
   constexpr int kTrials = 8;
   double loss = 0.0;
   int losses = 0;
   double best = -1.0;
-  const auto outputs = size(ClassifierNetwork::kOutputs[ClassifierNetwork::kHeadEnd - 1]);
+  const auto outputs = as_size(ClassifierNetwork::kOutputs[ClassifierNetwork::kHeadEnd - 1]);
   for (int step = 1; step <= options.steps; ++step) {
     for (std::size_t i = 0; i < labels.size(); ++i)
       labels[i] = lessons.next(optimiser.inputs() + i * kPatchLenslets * kSpotFeatures);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/as_size.h"
 #include "service/bench/detection_measurement.h"
 
 namespace curlew {
@@ -13,8 +14,6 @@ namespace {
 constexpr int kExposures = 24;    // at a time
 constexpr int kVisits = 2;        // of a node, each turned and cut anew
 constexpr double kKeptFar = 0.3;  // of the nodes with no vortex near
-
-std::size_t size(int n) { return static_cast<std::size_t>(n); }
 
 std::vector<Symmetry> all_symmetries() {
   std::vector<Symmetry> all;
@@ -34,16 +33,16 @@ Symmetry::Symmetry(bool transpose_first, int sign_x, int sign_y)
       const int y = transpose ? col : row;
       const int to_col = sx > 0 ? x : kPatch - 1 - x;
       const int to_row = sy > 0 ? y : kPatch - 1 - y;
-      lenslet[size(to_row * kPatch + to_col)] = row * kPatch + col;
+      lenslet[as_size(to_row * kPatch + to_col)] = row * kPatch + col;
     }
   }
   for (int i = 0; i < kSpotFeatures; ++i) {
-    feature[size(i)] = i;
-    sign[size(i)] = 1.0F;
+    feature[as_size(i)] = i;
+    sign[as_size(i)] = 1.0F;
     if (i >= kSpotModes) continue;
     const SpotMode mode = spot_mode(i);
-    if (transpose) feature[size(i)] = spot_mode_index({mode.n, mode.m});
-    if ((mode.m % 2 == 1 && sx < 0) != (mode.n % 2 == 1 && sy < 0)) sign[size(i)] = -1.0F;
+    if (transpose) feature[as_size(i)] = spot_mode_index({mode.n, mode.m});
+    if ((mode.m % 2 == 1 && sx < 0) != (mode.n % 2 == 1 && sy < 0)) sign[as_size(i)] = -1.0F;
   }
 }
 
@@ -67,12 +66,12 @@ Lessons::Lessons(const std::vector<TrainingField>& fields, std::uint64_t seed)
     n += static_cast<double>(features.size()) / kSpotFeatures;
   }
   for (int i = 0; i < kSpotFeatures; ++i) {
-    double square = squares[size(i)];
+    double square = squares[as_size(i)];
     if (i < kSpotModes) {  // transposed modes alike
       const SpotMode mode = spot_mode(i);
-      square = std::max(square, squares[size(spot_mode_index({mode.n, mode.m}))]);
+      square = std::max(square, squares[as_size(spot_mode_index({mode.n, mode.m}))]);
     }
-    scale_[size(i)] = static_cast<float>(1.0 / std::sqrt(square / n + 1e-12));
+    scale_[as_size(i)] = static_cast<float>(1.0 / std::sqrt(square / n + 1e-12));
   }
 }
 
@@ -82,12 +81,12 @@ NodeLabel Lessons::next(float* inputs) {
     next_ = 0;
   }
   const Node node = nodes_[next_++];
-  const Exposure& exposure = exposures_[size(node.exposure)];
-  const TrainingField& field = fields_[size(exposure.field)];
+  const Exposure& exposure = exposures_[as_size(node.exposure)];
+  const TrainingField& field = fields_[as_size(exposure.field)];
   const Symmetry& symmetry = symmetries_[static_cast<std::size_t>(8.0 * random_.uniform())];
   const std::uint32_t missing = draw_missing();
   for (int lenslet = 0; lenslet < kPatchLenslets; ++lenslet, inputs += kSpotFeatures) {
-    const int from = symmetry.lenslet[size(lenslet)];
+    const int from = symmetry.lenslet[as_size(lenslet)];
     const int row = node.row - 1 + from / kPatch;
     const int col = node.col - 1 + from % kPatch;
     if (row < 0 || col < 0 || row >= field.parameters.rows || col >= field.parameters.cols ||
@@ -128,9 +127,9 @@ void Lessons::expose_anew() {
   exposures_.resize(kExposures);
   nodes_.clear();
   for (int i = 0; i < kExposures; ++i) {
-    Exposure& exposure = exposures_[size(i)];
+    Exposure& exposure = exposures_[as_size(i)];
     exposure.field = static_cast<int>(random_.uniform() * static_cast<double>(fields_.size()));
-    const TrainingField& field = fields_[size(exposure.field)];
+    const TrainingField& field = fields_[as_size(exposure.field)];
     const double kind = random_.uniform();
     const double photons =
         kind < 0.2 ? kWithoutNoise : 130.0 * std::pow(10.0, 1.4 * random_.uniform());

@@ -1,0 +1,44 @@
+// LoopSource: frames in memory, over and over.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "acquisition/frame_source.h"
+
+namespace curlew {
+
+class LoopSource final : public FrameSource {
+ public:
+  using Frames = std::vector<std::shared_ptr<const FrameBuffer>>;
+
+  /// frames: at least one, all of one format. count: how many it delivers; −1: it never ends.
+  explicit LoopSource(Frames frames, std::int64_t count = -1)
+      : frames_(std::move(frames)), count_(count) {}
+
+  const FrameFormat& format() const override { return frames_.front()->format(); }
+  std::int64_t frame_count() const override { return count_; }
+
+  /// Headers are those of the frames in memory, but for the number and the time of receipt.
+  Delivery next(FrameBuffer& into) override {
+    if (delivered_ == count_) return Delivery::kEnd;
+    const FrameBuffer& frame = *frames_[static_cast<std::size_t>(delivered_) % frames_.size()];
+    std::copy_n(frame.view().pixels, format().bytes(), into.data());
+    into.header = frame.header;
+    into.header.sequence = delivered_++;
+    into.header.received = std::chrono::steady_clock::now();
+    into.rows_ready = format().rows;
+    return Delivery::kFrame;
+  }
+
+ private:
+  Frames frames_;
+  std::int64_t count_;
+  std::int64_t delivered_ = 0;
+};
+
+}  // namespace curlew

@@ -1,0 +1,26 @@
+#include "service/commands/pipeline_flags.h"
+
+#include <CLI/CLI.hpp>
+
+namespace curlew {
+
+void PipelineFlags::add_to(CLI::App& command) {
+  command.add_option("--config", config, "configuration (TOML); 'run' reads it again at SIGHUP");
+  command.add_option("--method", method,
+                     "how vortices are found: circulation (default), whitened or classifier");
+  command.add_flag("--track", track, "follow vortices from frame to frame, and report what lasts");
+  command.add_option("--false-alarms", false_alarms,
+                     "vortices reported a frame where there is only noise (default 0.01)");
+  command.add_option("--threads", threads, "inline (default) or per_stage");
+}
+
+Config PipelineFlags::configuration() const {
+  Config settings = config.empty() ? Config{} : read_config(config);
+  if (!threads.empty()) settings.pipeline.threads = setting_from<Threading>(threads, "--threads");
+  if (!method.empty()) settings.detect.method = setting_from<DetectMethod>(method, "--method");
+  settings.track.enabled |= track;
+  if (false_alarms) settings.detect.false_alarms_per_frame = *false_alarms;
+  return settings;
+}
+
+}  // namespace curlew
