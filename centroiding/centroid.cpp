@@ -13,6 +13,7 @@
 #include "hwy/foreach_target.h"
 // foreach_target.h comes first.
 
+#include "core/size_check.h"
 #include "hwy/highway.h"
 
 #ifndef CURLEW_CENTROID_ONCE
@@ -359,6 +360,9 @@ HWY_EXPORT(measure);
 
 void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
                          Centroids& centroids) noexcept {
+  check_size("find_centroids", "a frame", {frame.rows, frame.cols},
+             {plan.frame_rows, plan.frame_cols});
+  check_size("find_centroids", "centroids", size_of(centroids.state), size_of(plan.spots));
   if (first == 0) centroids.n_valid = centroids.n_saturated = 0;
   HWY_DYNAMIC_DISPATCH(measure)(plan, frame, first, last, centroids);
   if (!is_centre_of_gravity(plan.method)) find_positions(plan, frame, first, last, centroids);

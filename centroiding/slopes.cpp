@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/error.h"
+#include "core/size_check.h"
 
 namespace curlew {
 namespace {
@@ -98,6 +99,8 @@ enum class Spot : std::uint8_t { kMissing, kDark, kWeak, kMeasured };
 template <typename SpotOf>
 void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slopes,
              SpotOf spot_of) noexcept {
+  check_size("measure_slopes", "centroids", size_of(centroids.state), size_of(plan.ref_x_px));
+  check_size("measure_slopes", "slopes", size_of(slopes), size_of(plan.ref_x_px));
   // Locals, because a store through a float pointer might otherwise change the plan's floats.
   const float m11 = plan.m11, m12 = plan.m12, m21 = plan.m21, m22 = plan.m22;
   int n_valid = 0;
@@ -157,6 +160,8 @@ void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
 
 void leave_out_weak(const Centroids& centroids, const SlopeField& weak,
                     SlopeField& slopes) noexcept {
+  check_size("leave_out_weak", "centroids", size_of(centroids.state), size_of(weak));
+  check_size("leave_out_weak", "slopes", size_of(slopes), size_of(weak));
   int n_valid = 0;
   for (std::size_t k = 0; k < weak.x.size(); ++k) {
     const bool valid = centroids.state[k] == LensletState::kValid;

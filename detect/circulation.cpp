@@ -7,6 +7,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "core/size_check.h"
+
 namespace curlew {
 namespace {
 
@@ -67,7 +69,8 @@ int circulate_row(const LensletRow& upper, const LensletRow& lower, std::size_t 
 }  // namespace
 
 int circulate_rows(const SlopeField& slopes, int first, int last, CirculationMap& map) noexcept {
-  assert(map.value.rows() == slopes.rows() - 1 && map.value.cols() == slopes.cols() - 1);
+  check_size("circulate", "circulation", size_of(map.value),
+             {slopes.rows() - 1, slopes.cols() - 1});
   assert(0 <= first && last <= map.value.rows());
   const auto cells = static_cast<std::size_t>(map.value.cols());
   int n_valid = 0;

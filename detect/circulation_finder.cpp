@@ -1,13 +1,13 @@
 #include "detect/circulation_finder.h"
 
 #include <algorithm>
-#include <cassert>
 #include <cmath>
 #include <limits>
 #include <string>
 #include <vector>
 
 #include "core/error.h"
+#include "core/size_check.h"
 
 namespace curlew {
 namespace {
@@ -224,7 +224,8 @@ CirculationPlan::CirculationPlan(const CirculationOptions& options,
 
 void find_circulation_vortices(const CirculationPlan& plan, const CirculationMap& map,
                                VortexList& vortices) noexcept {
-  assert(map.value.rows() == plan.cell_rows() && map.value.cols() == plan.cell_cols());
+  check_size("find_circulation_vortices", "circulation", size_of(map.value),
+             {plan.cell_rows(), plan.cell_cols()});
   vortices.clear();
   const float z = std::min(plan.threshold_sigmas(map.n_valid), 1e18F);  // its square is finite
   const Threshold threshold{z * z, static_cast<float>(plan.options().min_circulation_rad)};

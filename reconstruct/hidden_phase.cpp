@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "core/error.h"
+#include "core/size_check.h"
 
 namespace curlew {
 namespace {
@@ -61,6 +62,10 @@ void add_hidden_phase(const HiddenPhasePlan& plan, const VortexList& candidates,
                       const SlopeField& slopes, const Image<float>& flux_adu,
                       const HodgeSplit& split, HiddenPhaseWorkspace& workspace,
                       Image<float>& whole_phase_rad) noexcept {
+  const MapSize size = size_of(plan.split().lattice());
+  check_size("add_hidden_phase", "slopes", size_of(slopes), size);
+  check_size("add_hidden_phase", "flux", size_of(flux_adu), size);
+  check_size("add_hidden_phase", "a phase", size_of(whole_phase_rad), size);
   HiddenPhaseWorkspace& ws = workspace;
   if (plan.options().choose)
     choose_vortices(plan.choice(), candidates, slopes, ws.choice, ws.vortices);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/size_check.h"
+
 namespace curlew {
 
 SplitWorkspace::SplitWorkspace(const SplitPlan& plan)
@@ -295,6 +297,8 @@ class Splitter {
 
 void split_slopes(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
                   HodgeSplit& split) noexcept {
+  check_size("split_slopes", "slopes", size_of(slopes), size_of(plan.lattice()));
+  check_size("split_slopes", "a split", size_of(split.phase), size_of(plan.lattice()));
   Splitter(plan, slopes, workspace, split).run();
 }
 

@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <array>
-#include <cassert>
 #include <cmath>
 #include <cstring>
 #include <string>
 #include <utility>
 
 #include "core/error.h"
+#include "core/size_check.h"
 #include "detect/classifier/matrix_product.h"
 
 namespace curlew {
@@ -337,8 +337,9 @@ ClassifierWorkspace::ClassifierWorkspace(const ClassifierPlan& plan)
 void find_classified_vortices(const ClassifierPlan& plan, FrameView frame,
                               const Centroids& centroids, const CirculationMap& circulation,
                               ClassifierWorkspace& workspace, VortexList& vortices) noexcept {
-  assert(centroids.state.rows() == plan.rows() && centroids.state.cols() == plan.cols());
-  assert(circulation.value.rows() == plan.rows() - 1);
+  check_size("find_classified_vortices", "centroids", size_of(centroids.state), size_of(plan));
+  check_size("find_classified_vortices", "circulation", size_of(circulation.value),
+             {plan.rows() - 1, plan.cols() - 1});
   vortices.clear();
   const float mean = mean_flux(centroids);
   choose_nodes(plan, centroids, circulation, mean, workspace);

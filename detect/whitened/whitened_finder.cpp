@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cassert>
 #include <cmath>
 #include <limits>
 #include <string>
 
 #include "core/error.h"
+#include "core/size_check.h"
 #include "detect/circulation.h"
 #include "detect/false_alarms.h"
 
@@ -348,8 +348,10 @@ WhitenedWorkspace::WhitenedWorkspace(const WhitenedPlan& plan)
 void find_whitened_vortices(const WhitenedPlan& plan, const SlopeField& slopes,
                             const Image<float>& flux_adu, const CirculationMap& circulation,
                             WhitenedWorkspace& workspace, VortexList& vortices) noexcept {
-  assert(slopes.rows() == plan.rows() && slopes.cols() == plan.cols());
-  assert(circulation.value.rows() == plan.rows() - 1);
+  check_size("find_whitened_vortices", "slopes", size_of(slopes), size_of(plan));
+  check_size("find_whitened_vortices", "flux", size_of(flux_adu), size_of(plan));
+  check_size("find_whitened_vortices", "circulation", size_of(circulation.value),
+             {plan.rows() - 1, plan.cols() - 1});
   vortices.clear();
   const WhitenedOptions& options = plan.options();
   WhitenedPlanes& planes = workspace.planes;
