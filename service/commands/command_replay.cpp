@@ -73,7 +73,8 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
   return notes;
 }
 
-void replay(const ReplayOptions& options) {
+/// What cannot be meant, before anything is read or written.
+void check_usage(const ReplayOptions& options) {
   std::vector<std::string> inputs = options.recordings;
   inputs.push_back(options.sensor);
   inputs.push_back(options.pipeline.config);
@@ -86,58 +87,55 @@ void replay(const ReplayOptions& options) {
     throw UsageError("--out and --jsonl name the same file " + options.out);
   if (options.pace_hz != 0.0 && !(options.pace_hz >= 1e-3 && options.pace_hz <= 1e6))
     throw UsageError("--pace must be from 0.001 to 1000000 Hz, or 0");
-  const SaveOptions save = save_options_from(options.save);
-  Config config = options.pipeline.configuration();
-  config.split.hidden_phase |= save.whole_phase;
-  Sensor sensor = read_sensor(options.sensor);
-  FitsSource source(options.recordings);
-  const FrameFormat& format = source.format();
-  add_bad_pixels(sensor, source.nan_pixels());
-  const auto plan = std::make_shared<const Plan>(sensor, format, config);
-  const Truth truth(options.recordings);
+}
 
+void print_input(const ReplayOptions& options, const FitsSource& source, const Sensor& sensor) {
   fmt::print("{} frames of {} x {} px, {} of {} x {} lenslets lit\n", source.frame_count(),
-             format.cols, format.rows,
+             source.format().cols, source.format().rows,
              std::count(sensor.valid.begin(), sensor.valid.end(), std::uint8_t{1}),
              sensor.grid.cols, sensor.grid.rows);
   if (!source.map_report().empty()) fmt::print("{}\n", source.map_report());
-
   for (const std::string& note : contradictions(sensor, source, options.recordings.front()))
     fmt::print("{}\n", note);
+}
 
+/// The files that results go into, those that were asked for.
+struct ReplayFiles {
   std::unique_ptr<ResultsFile> results;
-  if (!options.out.empty())
-    results = std::make_unique<ResultsFile>(options.out, *plan, save, source.frame_count(),
-                                            config_hash(config));
   std::unique_ptr<JsonLines> lines;
-  if (!options.jsonl.empty()) lines = std::make_unique<JsonLines>(options.jsonl);
-  VortexPrinter printer(truth, config, options.show);
-  FrameResult result(plan->detect.capacity());
-  ThreadPlacement placement(config.pipeline.cpus, config.realtime.priority);
-  RunReport report;
-  {
-    Progress progress("replay", source.frame_count());
-    Pipeline pipeline(plan, config.pipeline, placement.thread_start());
-    RecordedFeed feed(source, {options.pace_hz, -1});
-    Publisher publisher;
-    publisher.publish = [&](const FrameSlot& slot) {
-      if (results) results->add(slot);
-    };
-    publisher.finish = [&](const FrameSlot& slot, std::int64_t dropped) {
-      if (results) results->add_latency(slot);
-      if (lines) {
-        result.copy(slot, dropped);
-        lines->add(result);
-      }
-      printer.add(slot);
-      progress.step();
-    };
-    report = pipeline.run(feed, publisher);
-  }
-  if (results) results->commit();
-  if (lines) lines->commit();
 
-  printer.summarize();
+  void commit() const {
+    if (results) results->commit();
+    if (lines) lines->commit();
+  }
+};
+
+RunReport run_pipeline(const ReplayOptions& options, const Config& config,
+                       const std::shared_ptr<const Plan>& plan, FitsSource& source,
+                       ThreadPlacement& placement, const ReplayFiles& files,
+                       VortexPrinter& printer) {
+  FrameResult result(plan->detect.capacity());
+  Progress progress("replay", source.frame_count());
+  Pipeline pipeline(plan, config.pipeline, placement.thread_start());
+  RecordedFeed feed(source, {options.pace_hz, -1});
+  Publisher publisher;
+  publisher.publish = [&](const FrameSlot& slot) {
+    if (files.results) files.results->add(slot);
+  };
+  publisher.finish = [&](const FrameSlot& slot, std::int64_t dropped) {
+    if (files.results) files.results->add_latency(slot);
+    if (files.lines) {
+      result.copy(slot, dropped);
+      files.lines->add(result);
+    }
+    printer.add(slot);
+    progress.step();
+  };
+  return pipeline.run(feed, publisher);
+}
+
+void print_summary(const RunReport& report, const Config& config,
+                   const ThreadPlacement& placement) {
   fmt::print("{} frames, {} vortices, {} frames dropped, {:.1f} frames/s\n", report.frames,
              report.vortices, report.dropped, static_cast<double>(report.frames) / report.seconds);
   if (report.overflow > 0)
@@ -148,6 +146,31 @@ void replay(const ReplayOptions& options) {
   if (interrupted()) fmt::print("interrupted: the files hold the frames so far\n");
   if (!config.pipeline.cpus.empty()) fmt::print("threads pinned to: {}\n", placement.description());
   fmt::print("\n{}", latency_table(report));
+}
+
+void replay(const ReplayOptions& options) {
+  check_usage(options);
+  const SaveOptions save = save_options_from(options.save);
+  Config config = options.pipeline.configuration();
+  config.split.hidden_phase |= save.whole_phase;
+  Sensor sensor = read_sensor(options.sensor);
+  FitsSource source(options.recordings);
+  add_bad_pixels(sensor, source.nan_pixels());
+  const auto plan = std::make_shared<const Plan>(sensor, source.format(), config);
+  const Truth truth(options.recordings);
+  print_input(options, source, sensor);
+
+  ReplayFiles files;
+  if (!options.out.empty())
+    files.results = std::make_unique<ResultsFile>(options.out, *plan, save, source.frame_count(),
+                                                  config_hash(config));
+  if (!options.jsonl.empty()) files.lines = std::make_unique<JsonLines>(options.jsonl);
+  VortexPrinter printer(truth, config, options.show);
+  ThreadPlacement placement(config.pipeline.cpus, config.realtime.priority);
+  const RunReport report = run_pipeline(options, config, plan, source, placement, files, printer);
+  files.commit();
+  printer.summarize();
+  print_summary(report, config, placement);
 }
 
 }  // namespace

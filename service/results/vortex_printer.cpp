@@ -30,15 +30,19 @@ void VortexPrinter::add(const FrameSlot& slot) {
   for (const GradedVortex& vortex : graded) required_ += vortex.required ? 1 : 0;
   for (std::size_t i = 0; i < found.size(); ++i) {
     const int j = match.truth_of_found[i];
-    if (j >= 0 && graded[as_size(j)].required) {
+    if (found[i].charge == 0) {
+      ++unresolved_;
+    } else if (j < 0) {
+      ++false_;
+    } else if (graded[as_size(j)].required) {
       ++hits_;
       square_error_ += square_distance(found[i], truth[as_size(j)]);
-    } else if (j < 0 && found[i].charge != 0) {
-      ++false_;
+    } else {
+      ++excused_;
     }
   }
   if (found.empty() && truth.empty()) return;
-  if (shown_++ < show_) print(slot.frame_index, found, truth, match);
+  if (shown_++ < show_) print(slot.frame_index, found, truth, graded, match);
 }
 
 void VortexPrinter::summarize() const {
@@ -51,14 +55,18 @@ void VortexPrinter::summarize() const {
   if (hits_ > 0)
     fmt::print(", rms distance {:.3f} pitch",
                std::sqrt(square_error_ / static_cast<double>(hits_)));
-  if (true_ > required_)
-    fmt::print("; {} more are in opposite pairs closer than {} pitch, and do not count",
-               true_ - required_, kClosestRequiredPair);
   fmt::print("\n");
+  if (true_ == required_ && unresolved_ == 0) return;
+  fmt::print(
+      "not counted: {} true vortices in opposite pairs closer than {} pitch; of the vortices "
+      "found, "
+      "{} that hit one of those and {} unresolved pairs\n",
+      true_ - required_, kClosestRequiredPair, excused_, unresolved_);
 }
 
 void VortexPrinter::print(std::int64_t frame, std::span<const Vortex> found,
-                          std::span<const TruthVortex> truth, const TruthMatch& match) const {
+                          std::span<const TruthVortex> truth,
+                          const std::vector<GradedVortex>& graded, const TruthMatch& match) const {
   if (shown_ == 1) {
     fmt::print("{:>6} {:>7} {:>8} {:>8} {:>9} {:>8}", "frame", "charge", "x", "y", "D rad",
                "D/sigma");
@@ -85,7 +93,7 @@ void VortexPrinter::print(std::int64_t frame, std::span<const Vortex> found,
     fmt::print("\n");
   }
   for (std::size_t j = 0; j < truth.size(); ++j)
-    if (!seen[j])
+    if (!seen[j] && graded[j].required)
       fmt::print("{:>6} {:>+7} {:>{}} {:>8.3f} {:>8.3f}\n", frame, truth[j].charge, "missed",
                  46 + (show_probability_ ? 7 : 0) + (show_track_ ? 7 : 0), truth[j].x, truth[j].y);
 }

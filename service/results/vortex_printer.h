@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "service/results/truth_match.h"
 #include "service/stages.h"
@@ -10,7 +11,8 @@
 namespace curlew {
 
 /// Prints the vortices of the first `show` frames that have any, beside the truth where it is
-/// known, and counts hits and false alarms over all frames.
+/// known, and counts hits and false alarms over all frames. True vortices that were missed are
+/// printed too, but for those in close pairs, which nobody can be asked to find.
 class VortexPrinter {
  public:
   VortexPrinter(const Truth& truth, const Config& config, std::int64_t show)
@@ -24,16 +26,21 @@ class VortexPrinter {
 
  private:
   void print(std::int64_t frame, std::span<const Vortex> found, std::span<const TruthVortex> truth,
-             const TruthMatch& match) const;
+             const std::vector<GradedVortex>& graded, const TruthMatch& match) const;
 
   const Truth& truth_;
   bool show_probability_;
   bool show_track_;
   std::int64_t show_;
-  std::int64_t shown_ = 0;     ///< frames with vortices, printed or not
-  std::int64_t hits_ = 0;      ///< of true vortices that can be asked of a detector
-  std::int64_t required_ = 0;  ///< these: not in pairs closer than kClosestRequiredPair
-  std::int64_t true_ = 0;      ///< all
+  std::int64_t shown_ = 0;  ///< frames with vortices, printed or not
+  // True vortices, and of these the ones that can be asked of a detector, because they are in no
+  // opposite pair closer than kClosestRequiredPair.
+  std::int64_t true_ = 0;
+  std::int64_t required_ = 0;
+  // Every vortex that was found is in one of these four.
+  std::int64_t hits_ = 0;        ///< it hit a required one
+  std::int64_t excused_ = 0;     ///< it hit one of a close pair
+  std::int64_t unresolved_ = 0;  ///< it is an unresolved pair, of charge 0
   std::int64_t false_ = 0;
   double square_error_ = 0.0;
 };

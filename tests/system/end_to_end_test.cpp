@@ -3,6 +3,7 @@
 
 #include <cstring>
 #include <filesystem>
+#include <regex>
 
 #include "acquisition/fits/fits_file.h"
 #include "tests/support/program.h"
@@ -88,6 +89,32 @@ TEST_F(EndToEnd, BrightVorticesAreAllFoundAndNothingElse) {
             std::string::npos)
       << last_.out;
   EXPECT_NE(last_.out.find("p99.9"), std::string::npos);
+}
+
+// Behind turbulence pairs are created closer than a pitch. They count for nobody and against
+// nobody.
+TEST_F(EndToEnd, EveryVortexFoundIsInOneColumnOfTheSummary) {
+  run("simulate --preset plane --photons 2000 --frames 20 --seed 7405 --out ref.fits");
+  run("calibrate ref.fits --out sensor.fits");
+  run("simulate --preset turbulence --rytov-variance 2 --photons 1000 --frames 10 --seed 7406 "
+      "--out beam.fits");
+  run("replay beam.fits --sensor sensor.fits --method classifier --show 10");
+  const auto number = [&](const std::string& pattern) {
+    std::smatch found;
+    EXPECT_TRUE(std::regex_search(last_.out, found, std::regex(pattern))) << last_.out;
+    return found.size() > 1 ? std::stoi(found[1]) : -1;
+  };
+  const int hits = number("truth: (\\d+) of");
+  const int required = number("of (\\d+) found within");
+  EXPECT_GT(number("not counted: (\\d+) true"), 0);
+  EXPECT_EQ(hits + number("pitch, (\\d+) false") + number("(\\d+) that hit one of those") +
+                number("and (\\d+) unresolved pairs"),
+            number("frames, (\\d+) vortices"));
+  const std::regex missed("missed");
+  EXPECT_EQ(std::distance(std::sregex_iterator(last_.out.begin(), last_.out.end(), missed),
+                          std::sregex_iterator()),
+            required - hits)
+      << "only those are shown as missed that count";
 }
 
 TEST_F(EndToEnd, MirroringFlipsCharges) {
