@@ -1,5 +1,8 @@
+#include <arpa/inet.h>
 #include <spdlog/fmt/fmt.h>
 
+#include <bit>
+#include <optional>
 #include <sstream>
 
 #include "service/doctor/machine_check_list.h"
@@ -19,29 +22,125 @@ std::vector<std::string> interfaces(const MachineFiles& files) {
   return up;
 }
 
-/// What is so of one interface, and the command that mends it.
+/// A line of /proc/net/route: an IPv4 network, its bytes in the order of the network, and the
+/// interface that leads there.
+struct Route {
+  std::string interface;
+  std::uint32_t destination = 0;
+  std::uint32_t mask = 0;
+  unsigned flags = 0;
+  int metric = 0;
+};
+
+std::vector<Route> routes(const MachineFiles& files) {
+  std::istringstream lines(files.text("/proc/net/route").value_or(""));
+  std::vector<Route> all;
+  std::string line, skipped;
+  std::getline(lines, line);  // the columns' names
+  while (std::getline(lines, line)) {
+    std::istringstream words(line);
+    Route route;
+    words >> route.interface >> std::hex >> route.destination >> skipped >> route.flags >>
+        skipped >> skipped >> std::dec >> route.metric >> std::hex >> route.mask;
+    if (words) all.push_back(route);
+  }
+  return all;
+}
+
+/// The interface whose network holds the address, or by which a route leads there. A default route
+/// leads everywhere, and so says nothing of where the camera is.
+std::optional<std::string> interface_towards(const MachineFiles& files, std::uint32_t address) {
+  constexpr unsigned kUp = 0x1, kReject = 0x200;  // as in linux/route.h
+  constexpr int kShortestPrefix = 8;              // shorter ones are halves of a default route
+  constexpr std::uint32_t kLoopback = 127;
+  if (ntohl(address) >> 24 == kLoopback) return "lo";  // has a table of its own
+  std::optional<Route> best;
+  const auto prefix = [](const Route& route) { return std::popcount(route.mask); };
+  for (const Route& route : routes(files)) {
+    if ((route.flags & kUp) == 0 || (route.flags & kReject) != 0) continue;
+    if (prefix(route) < kShortestPrefix || (address & route.mask) != route.destination) continue;
+    if (!best || prefix(route) > prefix(*best) ||
+        (prefix(route) == prefix(*best) && route.metric < best->metric))
+      best = route;
+  }
+  if (!best) return std::nullopt;
+  return best->interface;
+}
+
+/// How the camera is attached, as far as [camera] source and the routes tell.
+struct CameraLink {
+  bool on_network = true;
+  std::string interface;  ///< empty: not known
+  std::string sentence;   ///< why it is this interface, or why it is not known
+};
+
+CameraLink camera_link(const Machine& machine, const MachineFiles& files) {
+  const std::string& source = machine.config.camera.source;
+  const std::string aravis = "aravis:";
+  CameraLink link;
+  in_addr address{};
+  if (source.rfind(aravis, 0) != 0) {
+    link.on_network = false;
+    link.sentence = fmt::format("the camera {} is not on a network", source);
+    return link;
+  }
+  const std::string id = source.substr(aravis.size());
+  if (inet_pton(AF_INET, id.c_str(), &address) != 1) {
+    link.sentence = fmt::format(
+        "which interface is the camera's cannot be known from [camera] source \"{}\", but could be "
+        "from its IP address",
+        source);
+    return link;
+  }
+  link.interface = interface_towards(files, address.s_addr).value_or("");
+  if (link.interface.empty())
+    link.sentence = fmt::format(
+        "no interface has the network of the camera {}: give the camera's interface an address in "
+        "it",
+        id);
+  else
+    link.sentence = fmt::format("on the way to the camera {}", id);
+  return link;
+}
+
+/// What is so of one interface.
 struct InterfaceFinding {
   std::string found;
   bool good;
-  std::string command;
 };
 
-/// find(name) of every interface; advice where one is not good.
-template <typename Find>
-Check check_interfaces(const MachineFiles& files, const char* advice, Find find) {
+/// find(name) of the camera's interface, or of all where it is not known; where one is not good,
+/// advice and command(name). A command names no interface but the camera's: changing another one
+/// may cut somebody off.
+template <typename Find, typename Command>
+Check check_interfaces(const Machine& machine, const MachineFiles& files, const char* advice,
+                       Find find, Command command) {
+  const CameraLink link = camera_link(machine, files);
+  const bool is_known = !link.interface.empty();
   Check check;
-  for (const std::string& name : interfaces(files)) {
+  if (!link.on_network) {
+    check.found = link.sentence;
+    return check;
+  }
+  bool all_good = true;
+  for (const std::string& name :
+       is_known ? std::vector<std::string>{link.interface} : interfaces(files)) {
     const InterfaceFinding finding = find(name);
     check.found += (check.found.empty() ? "" : "; ") + finding.found;
-    if (finding.good) continue;
-    check.verdict = Verdict::kCouldBeBetter;
-    check.advice = advice;
-    check.commands.push_back(finding.command);
+    all_good = all_good && finding.good;
   }
   if (check.found.empty()) {
     check.verdict = Verdict::kNotSeen;
     check.found = "no network interface but loopback";
+    return check;
   }
+  if (is_known) check.found += ", " + link.sentence;
+  if (all_good) return check;
+  check.verdict = Verdict::kCouldBeBetter;
+  check.advice = advice;
+  if (!is_known) check.advice += "; " + link.sentence;
+  check.commands = {is_known ? command(link.interface)
+                             : command("INTERFACE") + "  # INTERFACE: the camera's"};
   return check;
 }
 
@@ -84,15 +183,16 @@ Check check_socket_buffer(const Machine& machine, const MachineFiles& files) {
   return check;
 }
 
-Check check_jumbo_frames(const Machine&, const MachineFiles& files) {
+Check check_jumbo_frames(const Machine& machine, const MachineFiles& files) {
   constexpr std::int64_t kJumbo_bytes = 8000;
   return check_interfaces(
-      files, "large packets halve the CPU's work; on the camera's interface only",
+      machine, files,
+      "large packets halve the CPU's work, where all that is on the camera's network takes them",
       [&](const std::string& name) -> InterfaceFinding {
         const std::int64_t mtu_bytes = files.number(kNet + name + "/mtu").value_or(0);
-        return {fmt::format("{} MTU {}", name, mtu_bytes), mtu_bytes >= kJumbo_bytes,
-                fmt::format("sudo ip link set {} mtu 9000", name)};
-      });
+        return {fmt::format("{} MTU {}", name, mtu_bytes), mtu_bytes >= kJumbo_bytes};
+      },
+      [](const std::string& name) { return fmt::format("sudo ip link set {} mtu 9000", name); });
 }
 
 Check check_packet_loss(const Machine&, const MachineFiles& files) {
@@ -116,11 +216,11 @@ Check check_packet_loss(const Machine&, const MachineFiles& files) {
   return check;
 }
 
-Check check_interface_losses(const Machine&, const MachineFiles& files) {
+Check check_interface_losses(const Machine& machine, const MachineFiles& files) {
   // Some drops are only packets of protocols nobody here speaks.
   constexpr double kHarmless = 1e-3;
   return check_interfaces(
-      files, "give the interface a longer receive queue",
+      machine, files, "give the camera's interface a longer receive queue",
       [&](const std::string& name) -> InterfaceFinding {
         const std::string folder = kNet + name + "/statistics/";
         const std::int64_t packets = files.number(folder + "rx_packets").value_or(0);
@@ -128,9 +228,10 @@ Check check_interface_losses(const Machine&, const MachineFiles& files) {
         const std::int64_t missed = files.number(folder + "rx_missed_errors").value_or(0);
         return {
             fmt::format("{}: {} packets, {} dropped, {} missed", name, packets, dropped, missed),
-            missed == 0 && static_cast<double>(dropped) <= kHarmless * static_cast<double>(packets),
-            fmt::format("sudo ethtool -G {} rx 4096", name)};
-      });
+            missed == 0 &&
+                static_cast<double>(dropped) <= kHarmless * static_cast<double>(packets)};
+      },
+      [](const std::string& name) { return fmt::format("sudo ethtool -G {} rx 4096", name); });
 }
 
 Check check_usb_memory(const Machine&, const MachineFiles& files) {

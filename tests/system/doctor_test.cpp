@@ -1,7 +1,10 @@
 // curlew doctor: given this machine, this verdict; and the command as a user meets it.
+#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cstdio>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -40,6 +43,18 @@ std::string snmp(const std::string& in_errors, const std::string& buffer_errors)
   return text + "Udp: 123456 0 " + in_errors + " 99 " + buffer_errors + " 0\n";
 }
 
+/// A line of /proc/net/route. The kernel prints addresses as whole numbers of their bytes in
+/// memory.
+std::string route(const char* interface, const char* destination, const char* mask,
+                  const char* gateway = "0.0.0.0", int metric = 0) {
+  const unsigned flags = std::string(gateway) == "0.0.0.0" ? 1 : 3;
+  std::array<char, 128> line{};
+  std::snprintf(line.data(), line.size(), "%s\t%08X\t%08X\t%04X\t0\t0\t%d\t%08X\t0\t0\t0   \n",
+                interface, inet_addr(destination), inet_addr(gateway), flags, metric,
+                inet_addr(mask));
+  return line.data();
+}
+
 /// A machine that has all that could be wished for, until a test changes a file of it.
 class MadeUpMachine : public ::testing::Test {
  protected:
@@ -75,6 +90,8 @@ class MadeUpMachine : public ::testing::Test {
     write(kUsbMemory, "1000\n");
     interface("lo", "65536", false);
     interface("eno1", "9000", true);
+    routes(route("eno1", "0.0.0.0", "0.0.0.0", "192.168.1.1") +
+           route("eno1", "192.168.1.0", "255.255.255.0"));
   }
 
   void write(const std::string& path, const std::string& text) const {
@@ -97,6 +114,12 @@ class MadeUpMachine : public ::testing::Test {
     write(folder + "/statistics/rx_dropped", "12\n");
     write(folder + "/statistics/rx_missed_errors", "0\n");
     if (is_hardware) write(folder + "/device/vendor", "0x8086\n");
+  }
+
+  void routes(const std::string& lines) const {
+    write("/proc/net/route",
+          "Iface\tDestination\tGateway \tFlags\tRefCnt\tUse\tMetric\tMask\t\tMTU\tWindow\tIRTT \n" +
+              lines);
   }
 
   Check check(const std::string& name) const {
@@ -290,14 +313,83 @@ TEST_F(MadeUpMachine, SocketBuffer) {
   expect("socket buffer", Verdict::kBad, {"212992", "net.core.rmem_max=12345678"});
 }
 
-TEST_F(MadeUpMachine, JumboFrames) {
+constexpr const char* kJumboAnywhere =
+    "sudo ip link set INTERFACE mtu 9000  # INTERFACE: the camera's";
+
+TEST_F(MadeUpMachine, JumboFramesOnTheInterfaceOfTheCamerasNetwork) {
+  interface("eno1", "1500", true);  // the way to all else
+  interface("enp3s0", "1500", true);
+  routes(route("eno1", "0.0.0.0", "0.0.0.0", "192.168.1.1") +
+         route("eno1", "192.168.1.0", "255.255.255.0") +
+         route("enp3s0", "192.168.7.0", "255.255.255.0"));
+  machine_.config.camera.source = "aravis:192.168.7.2";
+  expect("jumbo frames", Verdict::kCouldBeBetter, {"enp3s0 MTU 1500", "camera 192.168.7.2"});
+  EXPECT_THAT(check("jumbo frames").found, Not(HasSubstr("eno1")));
+  EXPECT_THAT(check("jumbo frames").commands, ElementsAre("sudo ip link set enp3s0 mtu 9000"));
+  interface("enp3s0", "9000", true);
+  expect("jumbo frames", Verdict::kGood, {"enp3s0 MTU 9000"});
+
+  machine_.config.camera.source = "aravis:192.168.1.77";  // the camera is on the office's network
+  EXPECT_THAT(check("jumbo frames").commands, ElementsAre("sudo ip link set eno1 mtu 9000"));
+}
+
+TEST_F(MadeUpMachine, JumboFramesOnTheInterfaceThatLeadsToTheCamera) {
+  machine_.config.camera.source = "aravis:10.20.30.40";
+  interface("bond0", "1500", false);  // no hardware, and nevertheless the way
+  const std::string wide = route("eno1", "10.0.0.0", "255.0.0.0");
+  const std::string narrow = route("bond0", "10.20.0.0", "255.255.0.0", "10.1.1.1", 100);
+  for (const std::string& lines : {wide + narrow, narrow + wide}) {
+    routes(lines);
+    expect("jumbo frames", Verdict::kCouldBeBetter, {"bond0 MTU 1500"});
+    EXPECT_THAT(check("jumbo frames").commands, ElementsAre("sudo ip link set bond0 mtu 9000"));
+  }
+  const std::string cheaper = route("eno1", "10.20.0.0", "255.255.0.0", "0.0.0.0", 50);
+  for (const std::string& lines : {cheaper + narrow, narrow + cheaper}) {
+    routes(lines);
+    expect("jumbo frames", Verdict::kGood, {"eno1 MTU 9000"});
+  }
+}
+
+TEST_F(MadeUpMachine, JumboFramesAreNotAskedOfTheDefaultRoute) {
+  interface("eno1", "1500", true);
+  machine_.config.camera.source = "aravis:192.168.7.2";
+  const std::string everywhere = route("eno1", "0.0.0.0", "0.0.0.0", "192.168.1.1");
+  const std::string halves = route("eno1", "0.0.0.0", "128.0.0.0", "10.8.0.1") +
+                             route("eno1", "128.0.0.0", "128.0.0.0", "10.8.0.1");
+  for (const std::string& lines : {everywhere, halves, std::string()}) {
+    routes(lines);
+    expect("jumbo frames", Verdict::kCouldBeBetter,
+           {"no interface has the network of the camera 192.168.7.2"});
+    EXPECT_THAT(check("jumbo frames").commands, ElementsAre(kJumboAnywhere));
+  }
+}
+
+TEST_F(MadeUpMachine, JumboFramesOfACameraThatIsNotKnownByItsAddress) {
+  interface("eno1", "1500", true);
   interface("enp3s0", "1500", true);
   interface("docker0", "1500", false);
   interface("lo", "1500", false);
-  expect("jumbo frames", Verdict::kCouldBeBetter, {"enp3s0 MTU 1500", "eno1 MTU 9000"});
-  EXPECT_THAT(check("jumbo frames").commands, ElementsAre("sudo ip link set enp3s0 mtu 9000"));
+  for (const char* source : {"aravis:", "aravis:Basler-acA2040-120um-22801234"}) {
+    machine_.config.camera.source = source;
+    expect("jumbo frames", Verdict::kCouldBeBetter,
+           {"eno1 MTU 1500; enp3s0 MTU 1500", "cannot be known from", source});
+    EXPECT_THAT(check("jumbo frames").commands, ElementsAre(kJumboAnywhere));
+  }
   write("/sys/class/net/enp3s0/operstate", "down\n");
+  write("/sys/class/net/eno1/mtu", "9000\n");
   expect("jumbo frames", Verdict::kGood, {"eno1"});
+}
+
+TEST_F(MadeUpMachine, NoJumboFramesForACameraThatIsNotOnANetwork) {
+  interface("eno1", "1500", true);
+  write(kNic + std::string("statistics/rx_missed_errors"), "3\n");
+  for (const char* source : {"usb:1ab2:0001", "sim:dipole", "file:night.fits"}) {
+    machine_.config.camera.source = source;
+    expect("jumbo frames", Verdict::kGood, {source, "not on a network"});
+    expect("interface losses", Verdict::kGood, {source, "not on a network"});
+  }
+  machine_.config.camera.source = "aravis:127.0.0.1";
+  expect("jumbo frames", Verdict::kGood, {"lo MTU 65536"});
 }
 
 TEST_F(MadeUpMachine, LostPackets) {
@@ -308,12 +400,18 @@ TEST_F(MadeUpMachine, LostPackets) {
   expect("UDP losses", Verdict::kCouldBeBetter, {"7 lost", "cable"});
 }
 
-TEST_F(MadeUpMachine, LossesOfAnInterface) {
+TEST_F(MadeUpMachine, LossesOfTheCamerasInterface) {
+  interface("enp3s0", "9000", true);
+  write("/sys/class/net/enp3s0/statistics/rx_missed_errors", "4\n");
+  machine_.config.camera.source = "aravis:192.168.1.77";
+  expect("interface losses", Verdict::kGood, {"eno1: 1000000 packets", "0 missed"});
   write(kNic + std::string("statistics/rx_missed_errors"), "3\n");
   expect("interface losses", Verdict::kCouldBeBetter, {"3 missed", "sudo ethtool -G eno1 rx 4096"});
   write(kNic + std::string("statistics/rx_missed_errors"), "0\n");
   write(kNic + std::string("statistics/rx_dropped"), "1001\n");
   expect("interface losses", Verdict::kCouldBeBetter, {"1001 dropped"});
+  machine_.config.camera.source = "aravis:";
+  expect("interface losses", Verdict::kCouldBeBetter, {"4 missed", "sudo ethtool -G INTERFACE rx"});
 }
 
 TEST_F(MadeUpMachine, UsbMemory) {
