@@ -67,6 +67,23 @@ cat /tmp/content
 if grep -v '^root/root ' /tmp/content; then fail "files of somebody's own"; fi
 if grep -E '\.(h|a|so|cmake|pc)$' /tmp/content; then fail "a file for developers"; fi
 
+# As packed: a machine may be set up to install neither documents nor man pages.
+dpkg-deb -x "$deb" /tmp/packed
+man=/tmp/packed/usr/share/man
+doc=/tmp/packed/usr/share/doc/curlew
+
+echo "== documents"
+for file in README.md docs/live.md docs/detection.md docs/adr docs/paper/figure5.png \
+  docs/plot_frame.py; do
+  [ -e "$doc/$file" ] || fail "$file is not in the package"
+done
+find "$doc" -name '*.md' | while read -r file; do
+  { grep -oE '\]\([^)#]+' "$file" || true; } | cut -c3- | while read -r link; do
+    [[ $link == *://* ]] && continue
+    [ -e "$(dirname "$file")/$link" ] || fail "$file links to $link, which is not in the package"
+  done
+done
+
 echo "== install"
 quietly dpkg -i "$deb"
 for file in /usr/bin/curlew $unit /etc/curlew/curlew.toml /usr/lib/sysusers.d/curlew.conf \
@@ -87,8 +104,65 @@ grep -q 'ready for real time' /tmp/log || fail "doctor has no opinion"
 quietly setpriv --reuid curlew --regid curlew --init-groups \
   curlew doctor --config /etc/curlew/curlew.toml --seconds 0.1
 
+echo "== man pages"
+for page in man1/curlew.1 man5/curlew.toml.5; do
+  gzip -dc "$man/$page.gz" >"/tmp/${page#*/}" || fail "$page is not in the package"
+done
+if grep -n '@[A-Z]*@' /tmp/curlew.1 /tmp/curlew.toml.5; then fail "a page is not filled in"; fi
+for page in curlew.1 curlew.toml.5; do
+  if command -v groff >/dev/null; then
+    groff -man -ww -K utf8 -T utf8 -P -cbou "/tmp/$page" >"/tmp/$page.text" 2>/tmp/log
+    if [ -s /tmp/log ]; then cat /tmp/log; fail "$page is not clean troff"; fi
+  else
+    echo "not rendered, for want of groff: $page"
+    sed -E 's/\\f[A-Z]|\\&//g; s/\\-/-/g; s/^\.[A-Z]+ *//' "/tmp/$page" >"/tmp/$page.text"
+  fi
+done
+told() { grep -qE -- "^ *$2( |$)" "/tmp/$1.text" || fail "$1 does not tell of $2"; }
+subcommands() { curlew "$@" --help | sed -n '/^Subcommands:/,$ s/^  \([a-z-]*\) .*/\1/p'; }
+tell_of_command() {
+  told curlew.1 "curlew $*"
+  for option in $(curlew "$@" --help | sed -n 's/^  \(--[a-z-]*\).*/\1/p'); do
+    told curlew.1 "$option"
+  done
+}
+[ "$(subcommands | wc -l)" -ge 9 ] || fail "commands are not seen"
+for command in $(subcommands); do
+  tell_of_command "$command"
+  for below in $(subcommands "$command"); do tell_of_command "$command" "$below"; done
+done
+# That curlew.toml has every setting is for doctor_test.cpp to see.
+settings=$(sed -nE 's/^(# )?([a-z_]+) = .*/\2/p' /etc/curlew/curlew.toml)
+[ "$(wc -l <<<"$settings")" -ge 80 ] || fail "settings are not seen"
+for setting in $settings; do told curlew.toml.5 "$setting ="; done
+for section in $(grep -oE '^\[[a-z]+' /etc/curlew/curlew.toml); do
+  told curlew.toml.5 "\\$section\]"
+done
+for file in $(grep -ohE '/usr/(lib|share)/[A-Za-z0-9/.-]+' /tmp/*.text); do
+  [ -e "/tmp/packed${file%.}" ] || fail "a page names $file, which is not packed"
+done
+# Examples do what they say.
+example() { sed -n '/^\.EX/,/^\.EE/p;/^\.EE/q' "/tmp/$1" | grep -v '^\.E' | sed 's/\\-/-/g'; }
+mkdir /tmp/example
+cd /tmp/example
+example curlew.1 >demo.sh
+grep -q '^curlew replay' demo.sh || fail "the example does not replay"
+quietly bash -e demo.sh
+[ -s results.fits ] || fail "the example has no results"
+example curlew.toml.5 >example.toml
+quietly curlew doctor --config example.toml --seconds 0
+cd /package
+
 echo "== unit"
-quietly systemd-analyze verify $unit
+for page in $(grep -oE 'man:[a-z.]+\([0-9]\)' $unit); do
+  page=${page#man:}
+  number=${page: -2:1}
+  [ -e "$man/man$number/${page%(*}.$number.gz" ] || fail "the unit names $page, which is not packed"
+done
+for file in $(grep -oE 'file:[^ ]+' $unit); do
+  [ -e "/tmp/packed${file#file:}" ] || fail "the unit names $file, which is not packed"
+done
+quietly systemd-analyze verify --man=no $unit
 if [ -s /tmp/log ]; then cat /tmp/log; fail "systemd-analyze verify has remarks"; fi
 # What is left is what cameras and real time need, see the unit.
 bound=2.0
