@@ -1,9 +1,10 @@
-// The centroid plan: calibration folded into one gain and one offset per pixel.
+// This file makes a CentroidPlan: it folds the calibration into one gain and one offset per pixel.
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <string>
+#include <vector>
 
 #include "centroiding/centroid.h"
 #include "centroiding/centroid_methods.h"
@@ -12,7 +13,8 @@
 namespace curlew {
 namespace {
 
-constexpr int kMinFrameCols = 4;  // the narrowest vector the kernel loads
+// The narrowest vector that the kernel loads has this many pixels.
+constexpr int kMinFrameCols = 4;
 
 std::string times(int rows, int cols) { return std::to_string(rows) + "×" + std::to_string(cols); }
 
@@ -72,8 +74,9 @@ void check_options(const CentroidOptions& options) {
           "brightest_pixels must be in [0, " + std::to_string(kMaxBrightestPixels) + "]");
 }
 
-/// Window gains are one method's, and the two centres of gravity differ by no more than their
-/// thresholds, which may be changed too.
+/// Refuses a method that the sensor's window gains were not measured with. The two centres of
+/// gravity share their gains: they differ only in their thresholds, which may change without a new
+/// calibration.
 void check_method(const Sensor& sensor, CentroidMethod method) {
   if (method == sensor.method ||
       (is_centre_of_gravity(method) && is_centre_of_gravity(sensor.method))) {
@@ -85,9 +88,10 @@ void check_method(const Sensor& sensor, CentroidMethod method) {
                 "; calibrate with this configuration (--config)");
 }
 
-/// CentroidOptions::spot_sigma_px where it is 0.
+/// Returns the σ, in pixels, that the Gaussian gets where CentroidOptions::spot_sigma_px is 0: it
+/// is kSigma times λ/w, or kOfWindow of the widest window's side where λ/w is not known.
 double default_spot_sigma_px(const Sensor& sensor) {
-  constexpr double kSigma = 0.42;  // λ/w
+  constexpr double kSigma = 0.42;
   constexpr double kOfWindow = 1.0 / 6.0;
   const double slope_rad_per_px = std::abs(sensor.optics.slope_rad_per_px());
   if (slope_rad_per_px > 0.0 && std::isfinite(slope_rad_per_px))
@@ -99,7 +103,7 @@ double default_spot_sigma_px(const Sensor& sensor) {
 
 double or_zero(double value) { return std::isfinite(value) ? value : 0.0; }
 
-// A pixel without a usable response is as bad as one declared so.
+// A pixel without a usable dark or response is as bad as one that the sensor declares bad.
 bool is_bad(const Sensor& sensor, std::size_t i) {
   if (!sensor.bad_pixel.empty() && sensor.bad_pixel[i] != 0) return true;
   if (!sensor.dark_adu.empty() && !std::isfinite(sensor.dark_adu[i])) return true;
@@ -118,8 +122,9 @@ bool window_is_bad(const Sensor& sensor, const Window& window, double max_bad_fr
   return bad > max_bad_fraction * window.w * window.h;
 }
 
-// How near the window's ends (relative to its centre) a spot may come. A window clipped at the
-// detector's rim has its reference near an end already; the spot may then go on half the way.
+// Sets how near the two ends of the window, relative to its centre, the spot may come. Where the
+// detector's rim cuts a window off, the reference is near an end already; the spot may then go half
+// of the way from there to the end.
 void set_limits(int start, int length, double reference, double edge_fraction, float& low,
                 float& high) {
   const double centre = start + 0.5 * (length - 1);
@@ -130,6 +135,189 @@ void set_limits(int start, int length, double reference, double edge_fraction, f
   high = static_cast<float>(std::max(half - margin, 0.5 * (ref + half)));
 }
 
+/// This says what one count of the frames is worth in ADU and in electrons.
+struct CountScale {
+  CountScale(const Detector& detector, const FrameFormat& format)
+      : zero_adu(format.zero_adu),
+        adu_per_count(format.scale_adu),
+        e_per_count(or_zero(detector.e_per_adu) * format.scale_adu),
+        read_noise_counts(e_per_count > 0.0 ? or_zero(detector.read_noise_e) / e_per_count : 0.0) {}
+
+  bool gain_known() const { return e_per_count > 0.0; }
+  double counts(double adu) const { return (adu - zero_adu) / adu_per_count; }
+
+  double zero_adu;
+  double adu_per_count;
+  double e_per_count;        ///< It is not positive where the detector's gain is not known.
+  double read_noise_counts;  ///< It is 0 where the gain or the noise is not known.
+};
+
+/// Returns that part of the threshold which is the same in all windows, in counts.
+double fixed_threshold(const CentroidOptions& options, const CountScale& scale) {
+  if (options.method == CentroidMethod::kPlain) return 0.0;
+  return std::max(options.threshold_adu / scale.adu_per_count,
+                  options.threshold_noise * scale.read_noise_counts);
+}
+
+void set_thresholds(const Sensor& sensor, const CentroidOptions& options, const CountScale& scale,
+                    CentroidPlan& plan) {
+  const double fixed = fixed_threshold(options, scale);
+  const bool plain = options.method == CentroidMethod::kPlain;
+  plan.threshold = static_cast<float>(fixed);
+  plan.relative_threshold = plain ? 0.0F : static_cast<float>(options.threshold_relative);
+  plan.uniform_offset = static_cast<float>(scale.counts(sensor.background_adu) + fixed);
+  plan.saturation = std::isfinite(sensor.detector.saturation_adu)
+                        ? static_cast<float>(scale.counts(sensor.detector.saturation_adu))
+                        : std::numeric_limits<float>::infinity();
+  plan.min_snr_squared = static_cast<float>(options.min_snr * options.min_snr);
+}
+
+/// Sets the scale and the noise of a pixel. Where the detector's gain is not known, nothing is
+/// known of the noise, and all variances are 0.
+void set_noise(const CountScale& scale, CentroidPlan& plan) {
+  const double read_noise = scale.read_noise_counts;
+  plan.adu_per_count = static_cast<float>(scale.adu_per_count);
+  plan.counts_per_e = scale.gain_known() ? static_cast<float>(1.0 / scale.e_per_count) : 0.0F;
+  plan.pixel_variance =
+      scale.gain_known() ? static_cast<float>(read_noise * read_noise + 1.0 / 12.0) : 0.0F;
+}
+
+void check_window(const Sensor& sensor, int row, int col) {
+  const Window& window = sensor.window(row, col);
+  if (window.x0 < 0 || window.y0 < 0 || window.w < 1 || window.h < 1 ||
+      window.x0 > sensor.frame_cols - window.w || window.y0 > sensor.frame_rows - window.h) {
+    throw Failure("the window of lenslet (" + std::to_string(row) + ", " + std::to_string(col) +
+                  ") does not lie within the frame of " +
+                  times(sensor.frame_rows, sensor.frame_cols) + " pixels; calibrate anew");
+  }
+}
+
+CentroidPlan::Spot make_spot(const Sensor& sensor, int row, int col,
+                             const CentroidOptions& options) {
+  const Window& window = sensor.window(row, col);
+  CentroidPlan::Spot spot{.x0 = window.x0, .y0 = window.y0, .w = window.w, .h = window.h};
+  set_limits(window.x0, window.w, static_cast<double>(sensor.ref_x_px(row, col)),
+             options.edge_fraction, spot.min_x, spot.max_x);
+  set_limits(window.y0, window.h, static_cast<double>(sensor.ref_y_px(row, col)),
+             options.edge_fraction, spot.min_y, spot.max_y);
+  spot.state = window_is_bad(sensor, window, options.max_bad_fraction) ? LensletState::kBadPixels
+                                                                       : LensletState::kValid;
+  return spot;
+}
+
+/// Gives every lit lenslet its spot and a place in the maps. Returns where the last place ends.
+std::size_t place_spots(const Sensor& sensor, const CentroidOptions& options,
+                        Image<CentroidPlan::Spot>& spots) {
+  std::size_t map_end = CentroidPlan::kMapMargin;
+  for (int row = 0; row < spots.rows(); ++row) {
+    for (int col = 0; col < spots.cols(); ++col) {
+      if (sensor.valid(row, col) == 0) continue;
+      check_window(sensor, row, col);
+      CentroidPlan::Spot& spot = spots(row, col);
+      spot = make_spot(sensor, row, col, options);
+      spot.map = map_end;
+      map_end += static_cast<std::size_t>(spot.w) * static_cast<std::size_t>(spot.h);
+    }
+  }
+  return map_end;
+}
+
+/// Returns how many rows of the frame each lenslet row needs, all lenslet rows before it included:
+/// where lenslet rows run up the detector, the first of them needs the most.
+std::vector<int> count_rows_needed(const Image<CentroidPlan::Spot>& spots) {
+  std::vector<int> needed(static_cast<std::size_t>(spots.rows()), 0);
+  int most = 0;
+  for (int row = 0; row < spots.rows(); ++row) {
+    for (int col = 0; col < spots.cols(); ++col)
+      most = std::max(most, spots(row, col).y0 + spots(row, col).h);
+    needed[static_cast<std::size_t>(row)] = most;
+  }
+  return needed;
+}
+
+struct FoldedPixel {
+  float gain;
+  float offset;
+};
+
+/// Folds dark, flat and threshold of pixel i of the frame. A bad pixel has gain 0.
+FoldedPixel fold_pixel(const Sensor& sensor, const CountScale& scale, double threshold,
+                       std::size_t i) {
+  if (is_bad(sensor, i)) return {.gain = 0.0F, .offset = static_cast<float>(threshold)};
+  const double response = sensor.flat.empty() ? 1.0 : static_cast<double>(sensor.flat[i]);
+  const double dark =
+      sensor.dark_adu.empty() ? sensor.background_adu : static_cast<double>(sensor.dark_adu[i]);
+  return {.gain = static_cast<float>(1.0 / response),
+          .offset = static_cast<float>(scale.counts(dark) / response + threshold)};
+}
+
+/// Fills gain and offset of all windows. Both stay empty where the sensor has no maps.
+void fold_maps(const Sensor& sensor, const CountScale& scale, double threshold, std::size_t map_end,
+               CentroidPlan& plan) {
+  if (sensor.dark_adu.empty() && sensor.flat.empty() && sensor.bad_pixel.empty()) return;
+  plan.gain.resize(map_end + CentroidPlan::kMapMargin);
+  plan.offset.resize(map_end + CentroidPlan::kMapMargin);
+  for (const CentroidPlan::Spot& spot : plan.spots) {
+    if (spot.state == LensletState::kUnlit) continue;
+    std::size_t to = spot.map;
+    for (int y = spot.y0; y < spot.y0 + spot.h; ++y) {
+      for (int x = spot.x0; x < spot.x0 + spot.w; ++x, ++to) {
+        const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(plan.frame_cols) +
+                       static_cast<std::size_t>(x);
+        const FoldedPixel pixel = fold_pixel(sensor, scale, threshold, i);
+        plan.gain[to] = pixel.gain;
+        plan.offset[to] = pixel.offset;
+      }
+    }
+  }
+}
+
+void check_window_sizes(const CentroidPlan& plan) {
+  for (const CentroidPlan::Spot& spot : plan.spots) {
+    if (std::max(spot.w, spot.h) <= kMaxMethodWindow) continue;
+    throw UsageError("the centroid method '" + std::string(name_of(plan.method)) +
+                     "' takes windows of up to " + times(kMaxMethodWindow, kMaxMethodWindow) +
+                     " px and the sensor has one of " + times(spot.h, spot.w) +
+                     "; use 'thresholded'");
+  }
+}
+
+/// Returns the reference relative to the window's centre, and 0 where there is no reference.
+float from_centre(float reference, int start, int length) {
+  const float distance =
+      reference - (static_cast<float>(start) + 0.5F * static_cast<float>(length - 1));
+  return std::isfinite(distance) ? distance : 0.0F;
+}
+
+void place_references(const Sensor& sensor, CentroidPlan& plan) {
+  plan.reference_x.resize(plan.spots.size());
+  plan.reference_y.resize(plan.spots.size());
+  for (std::size_t k = 0; k < plan.spots.size(); ++k) {
+    const CentroidPlan::Spot& spot = plan.spots[k];
+    plan.reference_x[k] = from_centre(sensor.ref_x_px[k], spot.x0, spot.w);
+    plan.reference_y[k] = from_centre(sensor.ref_y_px[k], spot.y0, spot.h);
+  }
+}
+
+/// Sets what only the methods need that are not centres of gravity.
+void prepare_method(const Sensor& sensor, const CentroidOptions& options, const CountScale& scale,
+                    CentroidPlan& plan) {
+  // A narrower Gaussian would fall between the pixels.
+  constexpr double kMinSigmaPx = 0.3;
+  check_window_sizes(plan);
+  plan.spot_sigma_px = static_cast<float>(
+      std::max(options.spot_sigma_px > 0.0 ? options.spot_sigma_px : default_spot_sigma_px(sensor),
+               kMinSigmaPx));
+  plan.reference_pull = static_cast<float>(options.reference_pull * scale.read_noise_counts);
+  int max_pixels = 0;
+  for (const CentroidPlan::Spot& spot : plan.spots)
+    max_pixels = std::max(max_pixels, spot.w * spot.h);
+  plan.brightest_pixels = options.brightest_pixels > 0
+                              ? options.brightest_pixels
+                              : std::clamp(max_pixels / 4, 1, kMaxBrightestPixels);
+  place_references(sensor, plan);
+}
+
 }  // namespace
 
 CentroidPlan::CentroidPlan(const Sensor& sensor, const FrameFormat& format,
@@ -138,7 +326,7 @@ CentroidPlan::CentroidPlan(const Sensor& sensor, const FrameFormat& format,
       frame_rows(format.rows),
       frame_cols(format.cols),
       pixel_type(format.pixel_type),
-      rows_needed_(static_cast<std::size_t>(sensor.valid.rows()), 0) {
+      method(options.method) {
   check_fit(sensor, format);
   check_options(options);
   check_map(sensor.dark_adu, sensor, "dark");
@@ -146,110 +334,13 @@ CentroidPlan::CentroidPlan(const Sensor& sensor, const FrameFormat& format,
   check_map(sensor.bad_pixel, sensor, "bad-pixel");
   check_method(sensor, options.method);
 
-  const double e_per_count = or_zero(sensor.detector.e_per_adu) * format.scale_adu;
-  const double read_noise =
-      e_per_count > 0.0 ? or_zero(sensor.detector.read_noise_e) / e_per_count : 0.0;
-  const bool plain = options.method == CentroidMethod::kPlain;
-  const double fixed = plain ? 0.0
-                             : std::max(options.threshold_adu / format.scale_adu,
-                                        options.threshold_noise * read_noise);
-  const auto counts = [&](double adu) { return (adu - format.zero_adu) / format.scale_adu; };
-
-  threshold = static_cast<float>(fixed);
-  relative_threshold = plain ? 0.0F : static_cast<float>(options.threshold_relative);
-  uniform_offset = static_cast<float>(counts(sensor.background_adu) + fixed);
-  saturation = std::isfinite(sensor.detector.saturation_adu)
-                   ? static_cast<float>(counts(sensor.detector.saturation_adu))
-                   : std::numeric_limits<float>::infinity();
-  adu_per_count = static_cast<float>(format.scale_adu);
-  counts_per_e = e_per_count > 0.0 ? static_cast<float>(1.0 / e_per_count) : 0.0F;
-  // Without a known gain nothing is known of the noise: variances are 0.
-  pixel_variance =
-      e_per_count > 0.0 ? static_cast<float>(read_noise * read_noise + 1.0 / 12.0) : 0.0F;
-  min_snr_squared = static_cast<float>(options.min_snr * options.min_snr);
-  method = options.method;
-
-  const bool maps = !sensor.dark_adu.empty() || !sensor.flat.empty() || !sensor.bad_pixel.empty();
-  std::size_t map_size = kMapMargin;
-  for (int row = 0; row < spots.rows(); ++row) {
-    for (int col = 0; col < spots.cols(); ++col) {
-      const Window& window = sensor.window(row, col);
-      if (sensor.valid(row, col) == 0) continue;
-      if (window.x0 < 0 || window.y0 < 0 || window.w < 1 || window.h < 1 ||
-          window.x0 > frame_cols - window.w || window.y0 > frame_rows - window.h) {
-        throw Failure("the window of lenslet (" + std::to_string(row) + ", " + std::to_string(col) +
-                      ") does not lie within the frame of " + times(frame_rows, frame_cols) +
-                      " pixels; calibrate anew");
-      }
-      Spot& spot = spots(row, col);
-      spot = {.x0 = window.x0, .y0 = window.y0, .w = window.w, .h = window.h};
-      set_limits(window.x0, window.w, static_cast<double>(sensor.ref_x_px(row, col)),
-                 options.edge_fraction, spot.min_x, spot.max_x);
-      set_limits(window.y0, window.h, static_cast<double>(sensor.ref_y_px(row, col)),
-                 options.edge_fraction, spot.min_y, spot.max_y);
-      spot.state = window_is_bad(sensor, window, options.max_bad_fraction)
-                       ? LensletState::kBadPixels
-                       : LensletState::kValid;
-      spot.map = map_size;
-      map_size += static_cast<std::size_t>(window.w) * static_cast<std::size_t>(window.h);
-      int& needed = rows_needed_[static_cast<std::size_t>(row)];
-      needed = std::max(needed, window.y0 + window.h);
-    }
-  }
-  if (maps) {
-    gain.resize(map_size + kMapMargin);
-    offset.resize(map_size + kMapMargin);
-    for (const Spot& spot : spots) {
-      if (spot.state == LensletState::kUnlit) continue;
-      std::size_t to = spot.map;
-      for (int y = spot.y0; y < spot.y0 + spot.h; ++y) {
-        for (int x = spot.x0; x < spot.x0 + spot.w; ++x, ++to) {
-          const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(frame_cols) +
-                         static_cast<std::size_t>(x);
-          const bool bad = is_bad(sensor, i);
-          const double response = sensor.flat.empty() ? 1.0 : static_cast<double>(sensor.flat[i]);
-          const double dark = sensor.dark_adu.empty() ? sensor.background_adu
-                                                      : static_cast<double>(sensor.dark_adu[i]);
-          gain[to] = bad ? 0.0F : static_cast<float>(1.0 / response);
-          offset[to] = static_cast<float>(bad ? fixed : counts(dark) / response + fixed);
-        }
-      }
-    }
-  }
-  if (!is_centre_of_gravity(method)) {
-    constexpr double kMinSigmaPx = 0.3;  // a narrower Gaussian falls between the pixels
-    spot_sigma_px = static_cast<float>(std::max(
-        options.spot_sigma_px > 0.0 ? options.spot_sigma_px : default_spot_sigma_px(sensor),
-        kMinSigmaPx));
-    reference_pull = static_cast<float>(options.reference_pull * read_noise);
-    int max_pixels = 0;
-    for (const Spot& spot : spots) max_pixels = std::max(max_pixels, spot.w * spot.h);
-    brightest_pixels = options.brightest_pixels > 0
-                           ? options.brightest_pixels
-                           : std::clamp(max_pixels / 4, 1, kMaxBrightestPixels);
-    reference_x.resize(spots.size());
-    reference_y.resize(spots.size());
-    for (std::size_t k = 0; k < spots.size(); ++k) {
-      const Spot& spot = spots[k];
-      if (std::max(spot.w, spot.h) > kMaxMethodWindow) {
-        throw UsageError("the centroid method '" + std::string(name_of(method)) +
-                         "' takes windows of up to " + times(kMaxMethodWindow, kMaxMethodWindow) +
-                         " px and the sensor has one of " + times(spot.h, spot.w) +
-                         "; use 'thresholded'");
-      }
-      const auto relative = [](float reference, int start, int length) {
-        const float from_centre =
-            reference - (static_cast<float>(start) + 0.5F * static_cast<float>(length - 1));
-        return std::isfinite(from_centre) ? from_centre : 0.0F;
-      };
-      reference_x[k] = relative(sensor.ref_x_px[k], spot.x0, spot.w);
-      reference_y[k] = relative(sensor.ref_y_px[k], spot.y0, spot.h);
-    }
-  }
-  // Lenslet rows that run up the detector are met in descending order: make "needed" ascend.
-  for (std::size_t row = 1; row < rows_needed_.size(); ++row) {
-    rows_needed_[row] = std::max(rows_needed_[row], rows_needed_[row - 1]);
-  }
+  const CountScale scale(sensor.detector, format);
+  set_thresholds(sensor, options, scale, *this);
+  set_noise(scale, *this);
+  const std::size_t map_end = place_spots(sensor, options, spots);
+  rows_needed_ = count_rows_needed(spots);
+  fold_maps(sensor, scale, fixed_threshold(options, scale), map_end, *this);
+  if (!is_centre_of_gravity(method)) prepare_method(sensor, options, scale, *this);
 }
 
 }  // namespace curlew
