@@ -12,11 +12,17 @@
 namespace curlew {
 namespace {
 
-constexpr double kModeWidth = 0.6;  // λ/w
-constexpr double kReach = 1.75;     // λ/w
-constexpr double kDark = 0.01;      // of the mean flux: fainter is all the same
+// The Hermite functions have this width, in units of λ/w.
+constexpr double kModeWidth = 0.6;
+// Pixels farther than this from the reference along an axis are left out, in units of λ/w.
+constexpr double kReach = 1.75;
+// References are rounded to multiples of 1/kStepsPerPx of a pixel.
+constexpr int kStepsPerPx = 16;
+// Spots much fainter than this part of the mean flux all look equally dark.
+constexpr double kDark = 0.01;
 
-/// Orthonormal Hermite functions, order by order.
+/// Returns the Hermite function of this order. They are orthogonal and all have the same norm; the
+/// function of order 0 is 1 at x = 0.
 double hermite_function(int order, double x) {
   double before = 0.0;
   double value = std::exp(-0.5 * x * x);
@@ -26,6 +32,99 @@ double hermite_function(int order, double x) {
     value = next;
   }
   return value;
+}
+
+void check_camera(const SpotCamera& camera, const FrameFormat& format) {
+  if (!(camera.pixels_per_lambda_w > 0.2 && camera.pixels_per_lambda_w < 200.0)) {
+    throw Failure("λ/w covers " + std::to_string(camera.pixels_per_lambda_w) +
+                  " pixels of the detector, which no classifier can use; check the optics");
+  }
+  if (format.cols < kProjectionLanes) {
+    throw Failure("a frame of " + std::to_string(format.cols) +
+                  " columns is too narrow for the classifier, which reads " +
+                  std::to_string(kProjectionLanes) + " at once; take another detection method");
+  }
+}
+
+float counts(double adu, const FrameFormat& format) {
+  return static_cast<float>((adu - format.zero_adu) / format.scale_adu);
+}
+
+/// Writes the dark and the gain of every pixel. A bad pixel keeps the dark it has and gets gain 0.
+void calibrate_pixels(const SpotCamera& camera, const FrameFormat& format,
+                      Image<float>& dark_counts, Image<float>& gain) {
+  for (std::size_t i = 0; i < gain.size(); ++i) {
+    const float dark = camera.dark_adu.empty() ? 0.0F : camera.dark_adu[i];
+    const float response = camera.response.empty() ? 1.0F : camera.response[i];
+    const bool good = std::isfinite(dark) && response > 0.0F && std::isfinite(response) &&
+                      std::isfinite(1.0F / response);
+    if (!camera.dark_adu.empty() && good)
+      dark_counts[i] = counts(static_cast<double>(dark), format);
+    gain[i] = good ? 1.0F / response : 0.0F;
+  }
+}
+
+/// This says how far the Hermite functions reach to either side of the reference.
+struct Reach {
+  explicit Reach(double pixels_per_lambda_w)
+      : px(kReach * pixels_per_lambda_w),
+        steps(static_cast<int>(std::ceil(px * kStepsPerPx)) + 1) {}
+
+  double px;
+  int steps;  ///< These are the steps of the table, kStepsPerPx a pixel, rounded up.
+};
+
+/// Tabulates the Hermite functions. Step by step from −reach.steps on, a row of the table holds all
+/// orders and the lane that is 1.
+AlignedVector<float> hermite_table(double pixels_per_lambda_w, const Reach& reach) {
+  AlignedVector<float> table((2 * static_cast<std::size_t>(reach.steps) + 1) * kProjectionLanes);
+  for (int step = -reach.steps; step <= reach.steps; ++step) {
+    const double x = step / (kStepsPerPx * pixels_per_lambda_w * kModeWidth);
+    float* const row =
+        table.data() + static_cast<std::size_t>(step + reach.steps) * kProjectionLanes;
+    for (int order = 0; order <= kHighestOrder; ++order)
+      row[order] = static_cast<float>(hermite_function(order, x));
+    row[kProjectionOnes] = 1.0F;
+  }
+  return table;
+}
+
+/// These are the pixels of a window within the reach along one axis.
+struct ReachedPixels {
+  int first;
+  std::int32_t n;
+  std::int32_t along;  ///< The first pixel's row of the table begins here.
+};
+
+ReachedPixels clip(int start, int length, float reference, const Reach& reach) {
+  const auto centre = static_cast<double>(reference);
+  const int first = std::max(start, static_cast<int>(std::ceil(centre - reach.px - 1e-6)));
+  const int last =
+      std::min(start + length - 1, static_cast<int>(std::floor(centre + reach.px + 1e-6)));
+  const auto step = static_cast<int>(std::lround((first - centre) * kStepsPerPx));
+  return {.first = first,
+          .n = std::max(0, last - first + 1),
+          .along = (step + reach.steps) * kProjectionLanes};
+}
+
+ProjectedWindow clip_window(const SpotWindow& window, const Reach& reach, const FrameFormat& format,
+                            double read_noise_e) {
+  if (window.x0 < 0 || window.y0 < 0 || window.x0 + window.w > format.cols ||
+      window.y0 + window.h > format.rows) {
+    throw Failure("a lenslet's window does not lie within the frame; calibrate anew");
+  }
+  const ReachedPixels x = clip(window.x0, window.w, window.reference_x, reach);
+  const ReachedPixels y = clip(window.y0, window.h, window.reference_y, reach);
+  ProjectedWindow spot;
+  if (x.n > 0 && y.n > 0) {
+    spot = {.first = y.first * format.cols + x.first,
+            .w = x.n,
+            .h = y.n,
+            .along_x = x.along,
+            .along_y = y.along};
+  }
+  spot.read_noise = static_cast<float>(read_noise_e * std::sqrt(1.0 * spot.w * spot.h));
+  return spot;
 }
 
 }  // namespace
@@ -46,7 +145,8 @@ constexpr std::array<int, kSpotFeatures> kMeasuredPlaces = [] {
   int i = 0;
   for (int order = 0; order < kProjectionOrders; ++order) {
     for (int m = 0; m <= order; ++m, ++i) {
-      const int n = order - m;  // after n rows of kProjectionOrders and fewer
+      // Before mode (m, n) there are n rows, of kProjectionOrders modes and ever fewer.
+      const int n = order - m;
       places[static_cast<std::size_t>(i)] = n * kProjectionOrders - n * (n - 1) / 2 + m;
     }
   }
@@ -59,72 +159,23 @@ SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
       pixel_type_(format.pixel_type),
       noise_known_(camera.e_per_adu > 0.0),
       row_sign_(camera.rows_run_up ? -1.0F : 1.0F) {
-  if (!(camera.pixels_per_lambda_w > 0.2 && camera.pixels_per_lambda_w < 200.0)) {
-    throw Failure("λ/w covers " + std::to_string(camera.pixels_per_lambda_w) +
-                  " pixels of the detector, which no classifier can use; check the optics");
-  }
-  if (format.cols < kProjectionLanes) {
-    throw Failure("a frame of " + std::to_string(format.cols) +
-                  " columns is too narrow for the classifier, which reads " +
-                  std::to_string(kProjectionLanes) + " at once; take another detection method");
-  }
+  check_camera(camera, format);
   const double e_per_adu = noise_known_ ? camera.e_per_adu : 1.0;
   e_per_adu_ = static_cast<float>(e_per_adu);
   e_per_count_ = static_cast<float>(e_per_adu * format.scale_adu);
-  const auto counts = [&](double adu) {
-    return static_cast<float>((adu - format.zero_adu) / format.scale_adu);
-  };
-  background_counts_ = counts(camera.background_adu);
+  background_counts_ = counts(camera.background_adu, format);
   if (!camera.dark_adu.empty() || !camera.response.empty()) {
     dark_counts_ = Image<float>(format.rows, format.cols, background_counts_);
     gain_ = Image<float>(format.rows, format.cols, 1.0F);
-    for (std::size_t i = 0; i < gain_.size(); ++i) {
-      const float dark = camera.dark_adu.empty() ? 0.0F : camera.dark_adu[i];
-      const float response = camera.response.empty() ? 1.0F : camera.response[i];
-      const bool good = std::isfinite(dark) && response > 0.0F && std::isfinite(response) &&
-                        std::isfinite(1.0F / response);
-      if (!camera.dark_adu.empty() && good) dark_counts_[i] = counts(static_cast<double>(dark));
-      gain_[i] = good ? 1.0F / response : 0.0F;
-    }
+    calibrate_pixels(camera, format, dark_counts_, gain_);
   }
-
-  const double reach_px = kReach * camera.pixels_per_lambda_w;
-  const int reach_steps = static_cast<int>(std::ceil(reach_px * kStepsPerPx)) + 1;
-  table_.resize((2 * static_cast<std::size_t>(reach_steps) + 1) * kProjectionLanes);
-  for (int step = -reach_steps; step <= reach_steps; ++step) {
-    const double x = step / (kStepsPerPx * camera.pixels_per_lambda_w * kModeWidth);
-    for (int order = 0; order <= kHighestOrder; ++order) {
-      table_[static_cast<std::size_t>(step + reach_steps) * kProjectionLanes +
-             static_cast<std::size_t>(order)] = static_cast<float>(hermite_function(order, x));
-    }
-    table_[static_cast<std::size_t>(step + reach_steps) * kProjectionLanes + kProjectionOnes] =
-        1.0F;
-  }
+  const Reach reach(camera.pixels_per_lambda_w);
+  table_ = hermite_table(camera.pixels_per_lambda_w, reach);
+  const double read_noise_e = noise_known_ ? camera.read_noise_e : 0.0;
   for (std::size_t k = 0; k < spots_.size(); ++k) {
     const SpotWindow& window = camera.windows[k];
     if (window.w < 1 || window.h < 1) continue;
-    if (window.x0 < 0 || window.y0 < 0 || window.x0 + window.w > format.cols ||
-        window.y0 + window.h > format.rows) {
-      throw Failure("a lenslet's window does not lie within the frame; calibrate anew");
-    }
-    const auto clip = [&](int start, int length, float reference, std::int32_t& n,
-                          std::int32_t& place) {
-      const auto centre = static_cast<double>(reference);
-      const int first = std::max(start, static_cast<int>(std::ceil(centre - reach_px - 1e-6)));
-      const int last =
-          std::min(start + length - 1, static_cast<int>(std::floor(centre + reach_px + 1e-6)));
-      n = std::max(0, last - first + 1);
-      const auto step = static_cast<int>(std::lround((first - centre) * kStepsPerPx));
-      place = (step + reach_steps) * kProjectionLanes;
-      return first;
-    };
-    ProjectedWindow& spot = spots_[k];
-    const int x0 = clip(window.x0, window.w, window.reference_x, spot.w, spot.along_x);
-    const int y0 = clip(window.y0, window.h, window.reference_y, spot.h, spot.along_y);
-    spot.first = y0 * format.cols + x0;
-    if (spot.w == 0 || spot.h == 0) spot = {};
-    const double read_noise = noise_known_ ? camera.read_noise_e : 0.0;
-    spot.read_noise = static_cast<float>(read_noise * std::sqrt(1.0 * spot.w * spot.h));
+    spots_[k] = clip_window(window, reach, format, read_noise_e);
   }
 }
 

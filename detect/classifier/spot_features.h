@@ -77,7 +77,6 @@ class SpotFeatures {
   static constexpr int kMaxAtOnce = 64;
 
  private:
-  static constexpr int kStepsPerPx = 16;  // references are rounded to this part of a pixel
   ProjectedFrame projected(FrameView frame) const noexcept;
   /// Features after the modes; the logarithm's argument is in the place of it.
   void add_noise(const ProjectedWindow& spot, float flux, float flux_adu, float mean_flux_adu,
