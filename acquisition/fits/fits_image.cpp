@@ -1,4 +1,4 @@
-// FitsFile: images.
+// This file holds what FitsFile does with images.
 #include <fitsio.h>
 #include <unistd.h>
 
@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <string>
 #include <type_traits>
 
@@ -16,9 +17,10 @@ namespace curlew {
 namespace {
 
 constexpr int kMaxAxes = 9;
-constexpr std::int64_t kBlock =
-    2880;  // bytes; every part of a FITS file is so many times this long
-// What working on a plane takes at least: three of it in double, and the counts.
+// A FITS file consists of blocks of this many bytes.
+constexpr std::int64_t kBlock = 2880;
+// Working on a plane takes at least this many bytes a pixel: three planes of double, and the
+// counts.
 constexpr std::int64_t kWorkingBytes = 26;
 static_assert(sizeof(LONGLONG) == sizeof(std::int64_t));
 
@@ -55,7 +57,7 @@ int image_type(ElementType element) {
   return DOUBLE_IMG;
 }
 
-// 64-bit integers and whatever else there may be are read as double.
+// We read 64-bit integers, and whatever else there may be, as double.
 ElementType element_type(int equivalent_type) {
   switch (equivalent_type) {
     case BYTE_IMG:
@@ -82,7 +84,7 @@ std::string shape_text(const std::vector<std::int64_t>& shape) {
   return text;
 }
 
-// a * b, or the largest number where that overflows.
+// Returns a * b, or the largest number where that overflows.
 std::int64_t saturating_product(std::int64_t a, std::int64_t b) {
   std::int64_t product = 0;
   return __builtin_mul_overflow(a, b, &product) ? std::numeric_limits<std::int64_t>::max()
@@ -93,8 +95,8 @@ std::int64_t memory_bytes() {
   return saturating_product(sysconf(_SC_PHYS_PAGES), sysconf(_SC_PAGESIZE));
 }
 
-// Bytes of the selected HDU's data unit that the file holds. cfitsio reads zeros past the end of a
-// file, so nobody else notices.
+// Returns how many bytes the file holds from where the selected HDU's data begin. cfitsio reads
+// zeros past the end of a file, so nobody else notices that data are missing.
 std::int64_t bytes_present(fitsfile* file) {
   int status = 0;
   LONGLONG head = 0;
@@ -102,6 +104,80 @@ std::int64_t bytes_present(fitsfile* file) {
   LONGLONG end = 0;
   fits_get_hduaddrll(file, &head, &data, &end, &status);
   return status == 0 ? std::max<std::int64_t>(0, file->Fptr->filesize - data) : 0;
+}
+
+// These are the sizes of an image that has pixels. A number that would overflow is the largest
+// there is.
+struct ImageSize {
+  ImageSize(const ImageInfo& info, int stored_type)
+      : elements(info.elements()),
+        element_bytes(std::abs(stored_type) / 8),
+        bytes(saturating_product(elements, element_bytes)),
+        cols(info.shape.back()),
+        rows(info.shape.size() > 1 ? info.shape[info.shape.size() - 2] : 1),
+        plane(saturating_product(cols, rows)) {}
+
+  std::int64_t elements;
+  std::int64_t element_bytes;
+  std::int64_t bytes;
+  std::int64_t cols;
+  std::int64_t rows;
+  std::int64_t plane;  ///< This many elements make a plane.
+};
+
+// Returns what is wrong with a size that no file or no memory can hold, or nothing.
+std::optional<std::string> find_impossible(const ImageInfo& info, const ImageSize& size) {
+  constexpr auto kHuge = std::numeric_limits<std::int64_t>::max();
+  if (size.elements == kHuge || size.bytes == kHuge) {
+    return "promises an image of " + shape_text(info.shape) +
+           " pixels, more than any file can hold: its header is damaged";
+  }
+  if (saturating_product(size.plane, kWorkingBytes) > memory_bytes()) {
+    return "promises an image of " + shape_text(info.shape) +
+           " pixels, and one plane of it exceeds this machine's memory";
+  }
+  return std::nullopt;
+}
+
+// Returns how many tiles the selected compressed image consists of.
+std::int64_t tile_count(fitsfile* file, const ImageInfo& info) {
+  std::int64_t tiles = 1;
+  for (std::size_t i = 0; i < info.shape.size(); ++i) {
+    const std::int64_t length = info.shape[info.shape.size() - 1 - i];  // This is cfitsio's axis i.
+    const std::int64_t tile = std::max<std::int64_t>(1, file->Fptr->tilesize[i]);
+    tiles = saturating_product(tiles, (length - 1) / tile + 1);
+  }
+  return tiles;
+}
+
+// Returns what the file lacks of the selected compressed image, or nothing. A row of its table only
+// says where in the heap after the table the tile is, so the heap must be there to its end.
+std::optional<std::string> find_missing_tiles(fitsfile* file, const ImageInfo& info) {
+  const std::int64_t promised =
+      saturating_product(file->Fptr->rowlength, file->Fptr->numrows) + file->Fptr->heapsize;
+  if (promised <= bytes_present(file) && tile_count(file, info) <= file->Fptr->numrows)
+    return std::nullopt;
+  return "is truncated: it lacks part of its compressed image of " + shape_text(info.shape) +
+         " pixels";
+}
+
+// Returns what the file lacks of the selected plain image, or nothing.
+std::optional<std::string> find_missing_pixels(fitsfile* file, const ImageSize& size) {
+  const std::int64_t present = bytes_present(file);
+  if (present < size.bytes) {
+    const std::int64_t planes = size.elements / size.plane;
+    return "is truncated: its header promises " + std::to_string(planes) +
+           (planes == 1 ? " frame of " : " frames of ") + std::to_string(size.rows) + " x " +
+           std::to_string(size.cols) + " pixels, and " +
+           std::to_string(present / (size.plane * size.element_bytes)) + " whole ones are there (" +
+           std::to_string(present) + " of " + std::to_string(size.bytes) + " bytes)";
+  }
+  // cfitsio cannot read a part of a block.
+  if (present % kBlock != 0 && present < size.bytes / kBlock * kBlock + kBlock) {
+    return "is truncated: its last block has " + std::to_string(present % kBlock) + " of " +
+           std::to_string(kBlock) + " bytes, as if the file had not been closed";
+  }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -137,48 +213,12 @@ ImageInfo FitsFile::image() {
   }
   if (info.elements() == 0) return info;
 
-  constexpr auto kHuge = std::numeric_limits<std::int64_t>::max();
-  const std::int64_t element_bytes = std::abs(stored_type) / 8;
-  const std::int64_t bytes = saturating_product(info.elements(), element_bytes);
-  const std::int64_t plane =
-      saturating_product(axes[0], naxis > 1 ? axes[1] : 1);  // elements of one plane
-  if (info.elements() == kHuge || bytes == kHuge) {
-    handle_->fail("promises an image of " + shape_text(info.shape) +
-                  " pixels, more than any file can hold: its header is damaged");
-  }
-  if (saturating_product(plane, kWorkingBytes) > memory_bytes()) {
-    handle_->fail("promises an image of " + shape_text(info.shape) +
-                  " pixels, and one plane of it exceeds this machine's memory");
-  }
+  const ImageSize size(info, stored_type);
+  if (const auto problem = find_impossible(info, size)) handle_->fail(*problem);
   if (handle_->writing()) return info;
-
-  if (info.compressed) {
-    // Without the whole heap the tiles lead nowhere.
-    const std::int64_t promised =
-        saturating_product(file->Fptr->rowlength, file->Fptr->numrows) + file->Fptr->heapsize;
-    std::int64_t tiles = 1;
-    for (int i = 0; i < naxis; ++i) {
-      const auto n = static_cast<std::size_t>(i);
-      const std::int64_t tile = std::max<std::int64_t>(1, file->Fptr->tilesize[i]);
-      tiles = saturating_product(tiles, (axes[n] - 1) / tile + 1);
-    }
-    if (promised > bytes_present(file) || tiles > file->Fptr->numrows) {
-      handle_->fail("is truncated: it lacks part of its compressed image of " +
-                    shape_text(info.shape) + " pixels");
-    }
-  } else if (const std::int64_t present = bytes_present(file); present < bytes) {
-    const std::int64_t planes = info.elements() / plane;
-    handle_->fail("is truncated: its header promises " + std::to_string(planes) +
-                  (planes == 1 ? " frame of " : " frames of ") +
-                  std::to_string(naxis > 1 ? axes[1] : 1) + " x " + std::to_string(axes[0]) +
-                  " pixels, and " + std::to_string(present / (plane * element_bytes)) +
-                  " whole ones are there (" + std::to_string(present) + " of " +
-                  std::to_string(bytes) + " bytes)");
-  } else if (present % kBlock != 0 && present < bytes / kBlock * kBlock + kBlock) {
-    // cfitsio cannot read a part of a block.
-    handle_->fail("is truncated: its last block has " + std::to_string(present % kBlock) + " of " +
-                  std::to_string(kBlock) + " bytes, as if the file had not been closed");
-  }
+  const auto missing =
+      info.compressed ? find_missing_tiles(file, info) : find_missing_pixels(file, size);
+  if (missing) handle_->fail(*missing);
   return info;
 }
 
@@ -188,15 +228,15 @@ void FitsFile::read_pixels(std::int64_t first, std::span<T> into) {
   int status = 0;
   int stored_type = 0;
   fits_get_img_type(file, &stored_type, &status);
-  // Only undefined integers need replacing; floats keep their own NaN and infinity. A compressed
-  // float image stores NaN as an undefined integer too.
+  // We replace only undefined integers; floats keep their own NaN and infinity. A compressed float
+  // image stores NaN as an undefined integer too.
   T* undefined = nullptr;
   T nan{};
   if constexpr (std::is_floating_point_v<T>) {
     nan = std::numeric_limits<T>::quiet_NaN();
     if (stored_type > 0 || fits_is_compressed_image(file, &status) != 0) undefined = &nan;
   }
-  int any_undefined = 0;  // cfitsio writes to it without asking
+  int any_undefined = 0;  // cfitsio writes to it whether we want it or not.
   fits_read_img(file, datatype<T>(), first + 1, static_cast<LONGLONG>(into.size()), undefined,
                 into.data(), &any_undefined, &status);
   handle_->check(status, "read its pixels");
@@ -259,7 +299,7 @@ void FitsFile::resize_planes(std::int64_t planes) {
   LONGLONG& slowest = axes.at(static_cast<std::size_t>(naxis - 1));
   if (slowest == planes) return;
   if (slowest < planes && selected == hdus) {
-    // The pixels may be there already, which fits_resize_img would not expect.
+    // The pixels may be there already, and fits_resize_img would not expect them.
     const std::string key = "NAXIS" + std::to_string(naxis);
     fits_modify_key_lng(file, key.c_str(), planes, "&", &status);
     fits_set_hdustruc(file, &status);
