@@ -22,7 +22,8 @@ double root_mean(double sum, double n) {
   return n > 0.0 ? std::sqrt(sum / n) : std::numeric_limits<double>::quiet_NaN();
 }
 
-/// Learns from the training fields, each as a whole.
+/// Learns the modes from the training fields. As many lenslets as the propagated grid has see each
+/// of them.
 FieldModes learn_modes(const PositionBenchmarkOptions& options, const FieldParameters& field,
                        const std::function<void()>& step) {
   const PropagationGrid grid = propagation_grid(simulator_options(field, 0));
@@ -32,7 +33,8 @@ FieldModes learn_modes(const PositionBenchmarkOptions& options, const FieldParam
   FieldModeEstimator estimator(kBoundLenslets.back(), grid.samples_per_lenslet * grid.finer,
                                options.polynomials);
   std::mutex adding;
-  // In order, whoever is first: sums of doubles depend on it.
+  // The fields are added in their order, whichever is ready first, because sums of doubles depend
+  // on the order. Only so many are kept at once.
   constexpr int kAtOnce = 8;
   for (int first = 0; first < options.training_realisations; first += kAtOnce) {
     const int n = std::min(kAtOnce, options.training_realisations - first);
@@ -49,11 +51,12 @@ FieldModes learn_modes(const PositionBenchmarkOptions& options, const FieldParam
   return estimator.modes(options.modes);
 }
 
-/// A test field: its required vortices, the bounds at every flux.
+/// These are the required vortices of a test field and their bounds at every flux.
 struct BoundedField {
   std::vector<PositionVortex> vortices;
-  std::vector<std::size_t> truth;                               // [vortices], into the graded
-  std::vector<std::vector<std::array<VortexBound, 2>>> bounds;  // [vortices][photons]
+  std::vector<std::size_t> truth;  ///< These are the vortices' indices in the graded truth.
+  /// These are indexed by the vortex and then by the flux, as in options.photons.
+  std::vector<std::vector<std::array<VortexBound, 2>>> bounds;
 };
 
 BoundedField bound_field(const PositionBenchmarkOptions& options, const FieldParameters& field,
@@ -126,8 +129,10 @@ std::vector<PositionClass> classify(const std::vector<PositionVortex>& vortices)
   lights.reserve(vortices.size());
   for (const PositionVortex& vortex : vortices) lights.push_back(vortex.light);
   const double middle = median(lights);
-  constexpr double kNear = 1.5;   // pitches from another vortex
-  constexpr double kEdge = 0.25;  // pitches from a lenslet's border
+  // Another vortex within this many pitches is a near one.
+  constexpr double kNear = 1.5;
+  // A vortex within this many pitches of a lenslet's border lies at that border.
+  constexpr double kEdge = 0.25;
   const auto to_border = [](const PositionVortex& v) {
     const auto one = [](double at) { return std::abs(at - std::floor(at) - 0.5); };
     return std::make_pair(one(v.truth.x), one(v.truth.y));
@@ -151,6 +156,94 @@ std::vector<PositionClass> classify(const std::vector<PositionVortex>& vortices)
       {"at its side", score([&](const auto& v) { return borders(v) == 1; })},
       {"at its centre", score([&](const auto& v) { return borders(v) == 0; })},
   };
+}
+
+std::vector<BoundedField> bound_fields(const PositionBenchmarkOptions& options,
+                                       const FieldParameters& field, const BenchmarkFields& test,
+                                       const FieldModes& modes, const PixelInformation& information,
+                                       const std::function<void()>& step) {
+  const SpotDerivative spots(modes.samples, field.samples_per_lambda_w, field.window_px);
+  std::vector<BoundedField> bounded(as_size(options.test_realisations));
+  std::mutex stepping;
+  for_each_in_parallel(options.test_realisations, options.threads, [&](int i, int) {
+    bounded[as_size(i)] =
+        bound_field(options, field, i, test.truths[as_size(i)], modes, spots, information);
+    const std::scoped_lock lock(stepping);
+    step();
+  });
+  return bounded;
+}
+
+/// This is what the classifier makes of the test fields at one flux.
+struct ClassifierResult {
+  double threshold;                     ///< Candidates of this score or a higher one are believed.
+  std::vector<FrameVerdicts> verdicts;  ///< There is one for each test field.
+};
+
+/// Chooses the classifier's threshold on the validation fields, then runs it on the test fields.
+ClassifierResult run_classifier(const MeasurementPlan& plan, const BenchmarkFields& validation,
+                                const BenchmarkFields& test) {
+  const std::vector<DetectorRow> rows = make_detector_rows(plan);
+  const auto classifier = std::find_if(
+      rows.begin(), rows.end(), [](const DetectorRow& row) { return row.name == "classifier"; });
+  return {.threshold = DetectionRecord(judge(plan, *classifier, validation)).best_threshold(),
+          .verdicts = judge(plan, *classifier, test)};
+}
+
+/// Adds to each vortex its bounds at one flux, photons[level], and whether the classifier hit it.
+std::vector<PositionVortex> join(const std::vector<BoundedField>& bounded, std::size_t level,
+                                 const ClassifierResult& classifier) {
+  std::vector<PositionVortex> vortices;
+  for (std::size_t i = 0; i < bounded.size(); ++i) {
+    for (std::size_t v = 0; v < bounded[i].vortices.size(); ++v) {
+      PositionVortex vortex = bounded[i].vortices[v];
+      vortex.bounds = bounded[i].bounds[v][level];
+      for (const Verdict& verdict : classifier.verdicts[i].verdicts) {
+        if (!verdict.hit || verdict.score < classifier.threshold ||
+            verdict.vortex != static_cast<int>(bounded[i].truth[v]))
+          continue;
+        vortex.hit = true;
+        vortex.error = verdict.error;
+      }
+      vortices.push_back(vortex);
+    }
+  }
+  return vortices;
+}
+
+/// Fills in all scores of a cell, whose vortices are given.
+void score_cell(const PositionBenchmarkOptions& options, PositionCellResult& cell) {
+  Chosen all;
+  for (const PositionVortex& vortex : cell.vortices) all.push_back(&vortex);
+  cell.score = score_positions(all);
+  cell.samples = bootstrap(cell.vortices, options.test_realisations, options.bootstrap_samples);
+  cell.classes = classify(cell.vortices);
+}
+
+/// Adds the cells of one turbulence, one for each flux.
+void run_turbulence(const PositionBenchmarkOptions& options, const FieldParameters& field,
+                    const PixelInformation& information, const RealisationCache& cache,
+                    const std::function<void()>& step, std::vector<PositionCellResult>& cells) {
+  const FieldModes modes = learn_modes(options, field, step);
+  const BenchmarkFields validation = load_fields(
+      field, Subset::kValidation, options.validation_realisations, options.threads, cache, step);
+  const BenchmarkFields test =
+      load_fields(field, Subset::kTest, options.test_realisations, options.threads, cache, step);
+  const std::vector<BoundedField> bounded =
+      bound_fields(options, field, test, modes, information, step);
+  for (std::size_t level = 0; level < options.photons.size(); ++level) {
+    MeasurementOptions measurement = options.measurement;
+    measurement.photons = options.photons[level];
+    const MeasurementPlan plan(field, measurement);
+    PositionCellResult cell;
+    cell.rytov_variance = field.rytov_variance;
+    cell.photons = measurement.photons;
+    cell.mode_power = modes.power;
+    cell.learnt_from = modes.patches;
+    cell.vortices = join(bounded, level, run_classifier(plan, validation, test));
+    score_cell(options, cell);
+    cells.push_back(std::move(cell));
+  }
 }
 
 }  // namespace
@@ -194,57 +287,7 @@ std::vector<PositionCellResult> run_position_benchmark(const PositionBenchmarkOp
   for (const double rytov_variance : options.rytov_variances) {
     FieldParameters field = options.field;
     field.rytov_variance = rytov_variance;
-    const FieldModes modes = learn_modes(options, field, step);
-    const SpotDerivative spots(modes.samples, field.samples_per_lambda_w, field.window_px);
-    const BenchmarkFields validation = load_fields(
-        field, Subset::kValidation, options.validation_realisations, options.threads, cache, step);
-    const BenchmarkFields test =
-        load_fields(field, Subset::kTest, options.test_realisations, options.threads, cache, step);
-    std::vector<BoundedField> bounded(as_size(options.test_realisations));
-    std::mutex stepping;
-    for_each_in_parallel(options.test_realisations, options.threads, [&](int i, int) {
-      bounded[as_size(i)] =
-          bound_field(options, field, i, test.truths[as_size(i)], modes, spots, information);
-      const std::scoped_lock lock(stepping);
-      step();
-    });
-    for (std::size_t level = 0; level < options.photons.size(); ++level) {
-      MeasurementOptions measurement = options.measurement;
-      measurement.photons = options.photons[level];
-      const MeasurementPlan plan(field, measurement);
-      const std::vector<DetectorRow> rows = make_detector_rows(plan);
-      const auto classifier = std::find_if(rows.begin(), rows.end(), [](const DetectorRow& row) {
-        return row.name == "classifier";
-      });
-      const double threshold =
-          DetectionRecord(judge(plan, *classifier, validation)).best_threshold();
-      const std::vector<FrameVerdicts> verdicts = judge(plan, *classifier, test);
-      PositionCellResult cell;
-      cell.rytov_variance = rytov_variance;
-      cell.photons = measurement.photons;
-      cell.mode_power = modes.power;
-      cell.learnt_from = modes.patches;
-      for (std::size_t i = 0; i < bounded.size(); ++i) {
-        for (std::size_t v = 0; v < bounded[i].vortices.size(); ++v) {
-          PositionVortex vortex = bounded[i].vortices[v];
-          vortex.bounds = bounded[i].bounds[v][level];
-          for (const Verdict& verdict : verdicts[i].verdicts) {
-            if (!verdict.hit || verdict.score < threshold ||
-                verdict.vortex != static_cast<int>(bounded[i].truth[v]))
-              continue;
-            vortex.hit = true;
-            vortex.error = verdict.error;
-          }
-          cell.vortices.push_back(vortex);
-        }
-      }
-      Chosen all;
-      for (const PositionVortex& vortex : cell.vortices) all.push_back(&vortex);
-      cell.score = score_positions(all);
-      cell.samples = bootstrap(cell.vortices, options.test_realisations, options.bootstrap_samples);
-      cell.classes = classify(cell.vortices);
-      cells.push_back(std::move(cell));
-    }
+    run_turbulence(options, field, information, cache, step, cells);
   }
   return cells;
 }

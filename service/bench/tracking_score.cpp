@@ -23,13 +23,16 @@ bool counts(const GradedVortex& vortex, const Interior& interior) {
   return vortex.required && interior.contains(vortex.x, vortex.y);
 }
 
-/// The index of whoever hits each true vortex, or none.
+/// This index stands for no reported vortex.
 constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+
+/// Returns for each true vortex the index of the reported vortex that hits it, or kNone.
 std::vector<std::size_t> match(const std::vector<TrueVortex>& truth,
                                const std::vector<ReportedVortex>& reported,
                                const Interior& interior,
                                const std::map<int, std::int64_t>& last_track) {
-  std::vector<std::tuple<bool, double, std::size_t, std::size_t>> pairs;  // false: hit it last
+  // The bool is false where this track hit the vortex last, so that such pairs sort first.
+  std::vector<std::tuple<bool, double, std::size_t, std::size_t>> pairs;
   for (std::size_t i = 0; i < truth.size(); ++i) {
     if (!counts(truth[i].vortex, interior)) continue;
     const auto last = last_track.find(truth[i].identity);
@@ -51,9 +54,11 @@ std::vector<std::size_t> match(const std::vector<TrueVortex>& truth,
   return hit_by;
 }
 
-constexpr std::size_t kTracksPerVortex = 12;  // that are looked at
+// We look at this many tracks of each vortex, those that hit it most often.
+constexpr std::size_t kTracksPerVortex = 12;
 
-/// One to one, so that most hits agree; fills the frames' consistent_hits.
+/// Pairs each vortex with at most one track and the other way round, so that most hits agree, and
+/// counts these hits in the frames' consistent_hits.
 void count_consistent_hits(const std::vector<std::vector<std::pair<int, std::int64_t>>>& hits,
                            std::vector<TrackingCounts>& frames) {
   std::map<std::pair<int, std::int64_t>, int> together;
@@ -81,6 +86,101 @@ void count_consistent_hits(const std::vector<std::vector<std::pair<int, std::int
   }
 }
 
+/// This scores the frames of one sequence, one after the other.
+class TrackScorer {
+ public:
+  TrackScorer(std::size_t frames, const Interior& interior)
+      : interior_(interior), frames_(frames), hits_(frames) {}
+
+  void score_frame(std::size_t f, const std::vector<TrueVortex>& truth,
+                   const std::vector<ReportedVortex>& reported) {
+    frames_[f].frames = 1.0;
+    const std::vector<bool> hit = count_hits(f, truth, reported);
+    for (std::size_t j = 0; j < reported.size(); ++j) {
+      const bool excused = is_excused(reported[j], truth);
+      const bool false_alarm =
+          !hit[j] && interior_.contains(reported[j].x, reported[j].y) && !excused;
+      frames_[f].false_alarms += false_alarm ? 1.0 : 0.0;
+      follow_life(f, reported[j].track, hit[j] || excused, false_alarm);
+    }
+  }
+
+  /// Counts what only the whole sequence tells. Call it after the last frame.
+  std::vector<TrackingCounts> finish() {
+    for (const auto& [track, life] : lives_) {
+      if (life.ever_false && !life.ever_hit) frames_[life.first_false].false_tracks += 1.0;
+    }
+    count_consistent_hits(hits_, frames_);
+    return std::move(frames_);
+  }
+
+ private:
+  /// This is what became of one track so far.
+  struct Life {
+    std::size_t first_false = 0;  ///< The track's first false alarm was in this frame.
+    bool ever_false = false;
+    bool ever_hit = false;  ///< The track has hit some vortex, required or not.
+  };
+
+  /// Counts the required vortices and their hits. Returns which of those reported hit one.
+  std::vector<bool> count_hits(std::size_t f, const std::vector<TrueVortex>& truth,
+                               const std::vector<ReportedVortex>& reported) {
+    const std::vector<std::size_t> hit_by = match(truth, reported, interior_, last_track_);
+    std::vector<bool> hit(reported.size(), false);
+    for (std::size_t i = 0; i < truth.size(); ++i) {
+      if (!counts(truth[i].vortex, interior_)) continue;
+      frames_[f].required += 1.0;
+      if (hit_by[i] == kNone) continue;
+      hit[hit_by[i]] = true;
+      count_hit(f, truth[i], reported[hit_by[i]]);
+    }
+    return hit;
+  }
+
+  void count_hit(std::size_t f, const TrueVortex& vortex, const ReportedVortex& found) {
+    TrackingCounts& frame = frames_[f];
+    frame.hits += 1.0;
+    const double away = distance(vortex.vortex, found);
+    frame.error2 += away * away;
+    const double off =
+        std::hypot(found.velocity_x - vortex.velocity_x, found.velocity_y - vortex.velocity_y);
+    if (std::isfinite(off)) {
+      frame.velocity_hits += 1.0;
+      frame.velocity_error2 += off * off;
+    }
+    hits_[f].emplace_back(vortex.identity, found.track);
+    if (found.track < 0) return;
+    const auto [last, first_time] = last_track_.emplace(vortex.identity, found.track);
+    if (!first_time && last->second != found.track) frame.switches += 1.0;
+    last->second = found.track;
+  }
+
+  /// Returns whether a true vortex that does not count explains the reported one.
+  bool is_excused(const ReportedVortex& found, const std::vector<TrueVortex>& truth) const {
+    return std::any_of(truth.begin(), truth.end(), [&](const TrueVortex& t) {
+      return t.vortex.charge == found.charge && distance(t.vortex, found) <= kHitRadius &&
+             !counts(t.vortex, interior_);
+    });
+  }
+
+  void follow_life(std::size_t f, std::int64_t track, bool hit, bool false_alarm) {
+    if (track < 0) return;
+    Life& life = lives_[track];
+    life.ever_hit |= hit;
+    if (false_alarm && !life.ever_false) {
+      life.ever_false = true;
+      life.first_false = f;
+    }
+  }
+
+  const Interior& interior_;
+  std::vector<TrackingCounts> frames_;
+  /// These are the identity and the track of every hit, frame by frame.
+  std::vector<std::vector<std::pair<int, std::int64_t>>> hits_;
+  std::map<int, std::int64_t> last_track_;  ///< It says which track hit each identity last.
+  std::map<std::int64_t, Life> lives_;      ///< The key is the track.
+};
+
 }  // namespace
 
 double TrackingCounts::rms() const { return std::sqrt(error2 / hits); }
@@ -100,65 +200,9 @@ TrackingCounts& TrackingCounts::operator+=(const TrackingCounts& other) {
 std::vector<TrackingCounts> score_tracks(std::span<const std::vector<TrueVortex>> truth,
                                          std::span<const std::vector<ReportedVortex>> reported,
                                          const Interior& interior) {
-  std::vector<TrackingCounts> frames(truth.size());
-  std::vector<std::vector<std::pair<int, std::int64_t>>> hits(truth.size());
-  std::map<int, std::int64_t> last_track;  // by identity
-  struct Life {
-    std::size_t first_false = 0;  // the frame of its first false alarm
-    bool ever_false = false;
-    bool ever_hit = false;  // any vortex
-  };
-  std::map<std::int64_t, Life> lives;
-  for (std::size_t f = 0; f < truth.size(); ++f) {
-    TrackingCounts& frame = frames[f];
-    frame.frames = 1.0;
-    const auto hit_by = match(truth[f], reported[f], interior, last_track);
-    std::vector<bool> hit(reported[f].size(), false);
-    for (std::size_t i = 0; i < truth[f].size(); ++i) {
-      const TrueVortex& vortex = truth[f][i];
-      if (!counts(vortex.vortex, interior)) continue;
-      frame.required += 1.0;
-      if (hit_by[i] == kNone) continue;
-      const ReportedVortex& found = reported[f][hit_by[i]];
-      hit[hit_by[i]] = true;
-      frame.hits += 1.0;
-      const double away = distance(vortex.vortex, found);
-      frame.error2 += away * away;
-      const double off =
-          std::hypot(found.velocity_x - vortex.velocity_x, found.velocity_y - vortex.velocity_y);
-      if (std::isfinite(off)) {
-        frame.velocity_hits += 1.0;
-        frame.velocity_error2 += off * off;
-      }
-      hits[f].emplace_back(vortex.identity, found.track);
-      if (found.track < 0) continue;
-      const auto [last, first_time] = last_track.emplace(vortex.identity, found.track);
-      if (!first_time && last->second != found.track) frame.switches += 1.0;
-      last->second = found.track;
-    }
-    for (std::size_t j = 0; j < reported[f].size(); ++j) {
-      const ReportedVortex& found = reported[f][j];
-      const bool inside = interior.contains(found.x, found.y);
-      const bool excused = std::any_of(truth[f].begin(), truth[f].end(), [&](const auto& t) {
-        return t.vortex.charge == found.charge && distance(t.vortex, found) <= kHitRadius &&
-               !counts(t.vortex, interior);
-      });
-      const bool false_alarm = !hit[j] && inside && !excused;
-      frame.false_alarms += false_alarm ? 1.0 : 0.0;
-      if (found.track < 0) continue;
-      Life& life = lives[found.track];
-      life.ever_hit |= hit[j] || excused;
-      if (false_alarm && !life.ever_false) {
-        life.ever_false = true;
-        life.first_false = f;
-      }
-    }
-  }
-  for (const auto& [track, life] : lives) {
-    if (life.ever_false && !life.ever_hit) frames[life.first_false].false_tracks += 1.0;
-  }
-  count_consistent_hits(hits, frames);
-  return frames;
+  TrackScorer scorer(truth.size(), interior);
+  for (std::size_t f = 0; f < truth.size(); ++f) scorer.score_frame(f, truth[f], reported[f]);
+  return scorer.finish();
 }
 
 std::vector<std::vector<TrueVortex>> true_vortices(std::span<const std::vector<SceneVortex>> steps,
@@ -170,7 +214,8 @@ std::vector<std::vector<TrueVortex>> true_vortices(std::span<const std::vector<S
     const std::vector<GradedVortex> graded = grade_vortices(steps[step]);
     std::vector<TrueVortex>& frame = frames.emplace_back();
     const auto find = [&](std::size_t at, int identity) -> const SceneVortex* {
-      if (at >= steps.size()) return nullptr;  // before the first one, too
+      // A step before the first one wraps round to a huge number.
+      if (at >= steps.size()) return nullptr;
       for (std::size_t k = 0; k < identities[at].size(); ++k)
         if (identities[at][k] == identity) return &steps[at][k];
       return nullptr;

@@ -14,7 +14,9 @@
 namespace curlew {
 namespace {
 
-constexpr int kMaxLenslets = 4096;  // a side; larger is a damaged header
+// A header that says more lenslets a side, or more pixels a side, is damaged.
+constexpr int kMaxLenslets = 4096;
+constexpr int kMaxPixels = 1 << 20;
 
 template <typename T>
 std::span<const T> values(const Image<T>& image) {
@@ -26,6 +28,67 @@ void write_image(FitsFile& file, ElementType element, const Image<T>& image,
                  const std::string& name, const std::string& unit = "") {
   file.create_image(element, {image.rows(), image.cols()}, name, unit);
   file.write_pixels<T>(0, values(image));
+}
+
+void write_grid(FitsFile& file, const LensletGrid& grid) {
+  file.write_key("ORIGINX", grid.origin_x_px, "x of lenslet (0,0)", "pix");
+  file.write_key("ORIGINY", grid.origin_y_px, "y of lenslet (0,0)", "pix");
+  file.write_key("P11", grid.p11, "pixel = ORIGIN + P (col, row)", "pix");
+  file.write_key("P12", grid.p12, "", "pix");
+  file.write_key("P21", grid.p21, "", "pix");
+  file.write_key("P22", grid.p22, "", "pix");
+  file.write_key("PITCHPX", grid.pitch_px(), "lenslet pitch on the detector", "pix");
+  file.write_key("ROTDEG", grid.rotation_deg(), "column axis from +x towards +y", "deg");
+  file.write_key("LAYOUT", std::string("SQUARE"));
+}
+
+/// Writes all keys of the primary header.
+void write_keys(FitsFile& file, const Sensor& sensor) {
+  file.write_key("CREATOR", std::string(kProgram));
+  file.write_key("CONTENT", std::string("CURLEW SENSOR"));
+  write_optics(file, sensor.optics);
+  write_detector(file, sensor.detector);
+  FrameFormat region;
+  region.offset_x_px = sensor.offset_x_px;
+  region.offset_y_px = sensor.offset_y_px;
+  region.binning = sensor.binning;
+  write_region(file, region);
+  file.write_key("ROWS", std::int64_t{sensor.grid.rows}, "lenslet rows");
+  file.write_key("COLS", std::int64_t{sensor.grid.cols}, "lenslet columns");
+  file.write_key("NX", std::int64_t{sensor.frame_cols}, "detector columns");
+  file.write_key("NY", std::int64_t{sensor.frame_rows}, "detector rows");
+  write_grid(file, sensor.grid);
+  file.write_key("RESIDUAL", sensor.residual_px, "rms of the spots from the grid", "pix");
+  file.write_key("BACKGRND", sensor.background_adu, "subtracted where there is no dark", "adu");
+  if (std::isfinite(sensor.spot_blur_px))
+    file.write_key("SPOTBLUR", sensor.spot_blur_px, "sigma of the spots beyond diffraction", "pix");
+  file.write_key("CENTROID", std::string(name_of(sensor.method)), "method that GAIN is of");
+}
+
+void write_lenslet_maps(FitsFile& file, const Sensor& sensor) {
+  write_image(file, ElementType::kF32, sensor.ref_x_px, "REFX", "pix");
+  write_image(file, ElementType::kF32, sensor.ref_y_px, "REFY", "pix");
+  write_image(file, ElementType::kU8, sensor.valid, "VALID");
+  write_image(file, ElementType::kF32, sensor.flux_adu, "FLUX", "adu");
+
+  const Image<float>& any = sensor.ref_x_px;
+  std::vector<std::int32_t> window;
+  for (int Window::*side : {&Window::x0, &Window::y0, &Window::w, &Window::h})
+    for (const Window& w : sensor.window) window.push_back(w.*side);
+  file.create_image(ElementType::kI32, {4, any.rows(), any.cols()}, "WINDOW", "pix");
+  file.write_pixels<std::int32_t>(0, window);
+
+  file.create_image(ElementType::kF32, {2, any.rows(), any.cols()}, "GAIN");
+  file.write_pixels<float>(0, values(sensor.gain_x));
+  file.write_pixels<float>(static_cast<std::int64_t>(any.size()), values(sensor.gain_y));
+}
+
+/// Writes the maps of the frame's pixels, as far as they are known.
+void write_pixel_maps(FitsFile& file, const Sensor& sensor) {
+  if (!sensor.dark_adu.empty())
+    write_image(file, ElementType::kF32, sensor.dark_adu, "DARK", "adu");
+  if (!sensor.flat.empty()) write_image(file, ElementType::kF32, sensor.flat, "FLAT");
+  if (!sensor.bad_pixel.empty()) write_image(file, ElementType::kU8, sensor.bad_pixel, "BADPIX");
 }
 
 template <typename T>
@@ -54,77 +117,31 @@ int required_size(FitsFile& file, const std::string& name, int limit) {
   return static_cast<int>(value);
 }
 
-}  // namespace
-
-void write_sensor(const std::string& path, const Sensor& sensor) {
-  FitsFile file = FitsFile::create(path);
-  file.create_image(ElementType::kU8, {});
-  file.write_key("CREATOR", std::string(kProgram));
-  file.write_key("CONTENT", std::string("CURLEW SENSOR"));
-  write_optics(file, sensor.optics);
-  write_detector(file, sensor.detector);
-  FrameFormat region;
-  region.offset_x_px = sensor.offset_x_px;
-  region.offset_y_px = sensor.offset_y_px;
-  region.binning = sensor.binning;
-  write_region(file, region);
-  file.write_key("ROWS", std::int64_t{sensor.grid.rows}, "lenslet rows");
-  file.write_key("COLS", std::int64_t{sensor.grid.cols}, "lenslet columns");
-  file.write_key("NX", std::int64_t{sensor.frame_cols}, "detector columns");
-  file.write_key("NY", std::int64_t{sensor.frame_rows}, "detector rows");
-  file.write_key("ORIGINX", sensor.grid.origin_x_px, "x of lenslet (0,0)", "pix");
-  file.write_key("ORIGINY", sensor.grid.origin_y_px, "y of lenslet (0,0)", "pix");
-  file.write_key("P11", sensor.grid.p11, "pixel = ORIGIN + P (col, row)", "pix");
-  file.write_key("P12", sensor.grid.p12, "", "pix");
-  file.write_key("P21", sensor.grid.p21, "", "pix");
-  file.write_key("P22", sensor.grid.p22, "", "pix");
-  file.write_key("PITCHPX", sensor.grid.pitch_px(), "lenslet pitch on the detector", "pix");
-  file.write_key("ROTDEG", sensor.grid.rotation_deg(), "column axis from +x towards +y", "deg");
-  file.write_key("LAYOUT", std::string("SQUARE"));
-  file.write_key("RESIDUAL", sensor.residual_px, "rms of the spots from the grid", "pix");
-  file.write_key("BACKGRND", sensor.background_adu, "subtracted where there is no dark", "adu");
-  if (std::isfinite(sensor.spot_blur_px))
-    file.write_key("SPOTBLUR", sensor.spot_blur_px, "sigma of the spots beyond diffraction", "pix");
-  file.write_key("CENTROID", std::string(name_of(sensor.method)), "method that GAIN is of");
-
-  const Image<float>& any = sensor.ref_x_px;
-  write_image(file, ElementType::kF32, sensor.ref_x_px, "REFX", "pix");
-  write_image(file, ElementType::kF32, sensor.ref_y_px, "REFY", "pix");
-  write_image(file, ElementType::kU8, sensor.valid, "VALID");
-  write_image(file, ElementType::kF32, sensor.flux_adu, "FLUX", "adu");
-
-  std::vector<std::int32_t> window;
-  for (int Window::*side : {&Window::x0, &Window::y0, &Window::w, &Window::h})
-    for (const Window& w : sensor.window) window.push_back(w.*side);
-  file.create_image(ElementType::kI32, {4, any.rows(), any.cols()}, "WINDOW", "pix");
-  file.write_pixels<std::int32_t>(0, window);
-
-  file.create_image(ElementType::kF32, {2, any.rows(), any.cols()}, "GAIN");
-  file.write_pixels<float>(0, values(sensor.gain_x));
-  file.write_pixels<float>(static_cast<std::int64_t>(any.size()), values(sensor.gain_y));
-
-  if (!sensor.dark_adu.empty())
-    write_image(file, ElementType::kF32, sensor.dark_adu, "DARK", "adu");
-  if (!sensor.flat.empty()) write_image(file, ElementType::kF32, sensor.flat, "FLAT");
-  if (!sensor.bad_pixel.empty()) write_image(file, ElementType::kU8, sensor.bad_pixel, "BADPIX");
-  file.commit();
+CentroidMethod read_method(FitsFile& file) {
+  const std::string method = file.key_string("CENTROID").value_or("thresholded");
+  const auto* known = std::find(kCentroidMethodNames.begin(), kCentroidMethodNames.end(), method);
+  if (known == kCentroidMethodNames.end())
+    throw Failure(file.path() + ": centroid method " + method + " is not known, calibrate again");
+  return static_cast<CentroidMethod>(known - kCentroidMethodNames.begin());
 }
 
-Sensor read_sensor(const std::string& path) {
-  FitsFile file = FitsFile::open(path);
-  file.select(0);
-  Sensor sensor;
-  read_optics(file, sensor.optics);
-  read_detector(file, sensor.detector);
+void read_frame_region(FitsFile& file, Sensor& sensor) {
   FrameFormat region;
   read_region(file, region);
   sensor.offset_x_px = region.offset_x_px;
   sensor.offset_y_px = region.offset_y_px;
   sensor.binning = region.binning;
+}
+
+/// Reads all that the primary header says.
+void read_keys(FitsFile& file, Sensor& sensor) {
+  read_optics(file, sensor.optics);
+  read_detector(file, sensor.detector);
+  read_frame_region(file, sensor);
   const int rows = required_size(file, "ROWS", kMaxLenslets);
   const int cols = required_size(file, "COLS", kMaxLenslets);
-  sensor.frame_cols = required_size(file, "NX", 1 << 20);
-  sensor.frame_rows = required_size(file, "NY", 1 << 20);
+  sensor.frame_cols = required_size(file, "NX", kMaxPixels);
+  sensor.frame_rows = required_size(file, "NY", kMaxPixels);
   sensor.grid = {rows,
                  cols,
                  required(file, "ORIGINX"),
@@ -137,66 +154,103 @@ Sensor read_sensor(const std::string& path) {
   sensor.background_adu = file.key_double("BACKGRND").value_or(0.0);
   const std::string layout = file.key_string("LAYOUT").value_or("SQUARE");
   if (layout != "SQUARE")
-    throw Failure(path + ": lenslet layout " + layout + " is not supported, only SQUARE is");
+    throw Failure(file.path() + ": lenslet layout " + layout + " is not supported, only SQUARE is");
   sensor.spot_blur_px = file.key_double("SPOTBLUR").value_or(kUnknown);
-  const std::string method = file.key_string("CENTROID").value_or("thresholded");
-  const auto* known = std::find(kCentroidMethodNames.begin(), kCentroidMethodNames.end(), method);
-  if (known == kCentroidMethodNames.end())
-    throw Failure(path + ": centroid method " + method + " is not known, calibrate again");
-  sensor.method = static_cast<CentroidMethod>(known - kCentroidMethodNames.begin());
+  sensor.method = read_method(file);
+}
 
+/// Selects an image of `planes` maps of the lenslets.
+void select_maps(FitsFile& file, const std::string& name, int planes, const LensletGrid& grid) {
+  file.select(name);
+  if (file.image().shape != std::vector<std::int64_t>{planes, grid.rows, grid.cols})
+    throw Failure(file.path() + ": image " + name + " does not fit the grid, calibrate again");
+}
+
+void read_windows(FitsFile& file, Sensor& sensor) {
+  select_maps(file, "WINDOW", 4, sensor.grid);
+  sensor.window = Image<Window>(sensor.grid.rows, sensor.grid.cols);
+  const std::size_t n = sensor.window.size();
+  std::vector<std::int32_t> sides(4 * n);
+  file.read_pixels<std::int32_t>(0, sides);
+  for (std::size_t k = 0; k < n; ++k)
+    sensor.window[k] = {sides[k], sides[n + k], sides[2 * n + k], sides[3 * n + k]};
+}
+
+void read_gains(FitsFile& file, Sensor& sensor) {
+  select_maps(file, "GAIN", 2, sensor.grid);
+  sensor.gain_x = Image<float>(sensor.grid.rows, sensor.grid.cols);
+  sensor.gain_y = Image<float>(sensor.grid.rows, sensor.grid.cols);
+  const std::size_t n = sensor.gain_x.size();
+  file.read_pixels<float>(0, {sensor.gain_x.data(), n});
+  file.read_pixels<float>(static_cast<std::int64_t>(n), {sensor.gain_y.data(), n});
+}
+
+void read_lenslet_maps(FitsFile& file, Sensor& sensor) {
+  const int rows = sensor.grid.rows;
+  const int cols = sensor.grid.cols;
   sensor.ref_x_px = read_image<float>(file, "REFX", rows, cols);
   sensor.ref_y_px = read_image<float>(file, "REFY", rows, cols);
   sensor.valid = read_image<std::uint8_t>(file, "VALID", rows, cols);
   sensor.flux_adu = file.try_select("FLUX") ? read_image<float>(file, "FLUX", rows, cols)
                                             : Image<float>(rows, cols);
-  const std::size_t n = sensor.valid.size();
+  read_windows(file, sensor);
+  read_gains(file, sensor);
+}
 
-  file.select("WINDOW");
-  if (file.image().shape != std::vector<std::int64_t>{4, rows, cols})
-    throw Failure(path + ": image WINDOW does not fit the grid, calibrate again");
-  std::vector<std::int32_t> window(4 * n);
-  file.read_pixels<std::int32_t>(0, window);
-  sensor.window = Image<Window>(rows, cols);
-  for (std::size_t k = 0; k < n; ++k)
-    sensor.window[k] = {window[k], window[n + k], window[2 * n + k], window[3 * n + k]};
-
-  file.select("GAIN");
-  if (file.image().shape != std::vector<std::int64_t>{2, rows, cols})
-    throw Failure(path + ": image GAIN does not fit the grid, calibrate again");
-  sensor.gain_x = Image<float>(rows, cols);
-  sensor.gain_y = Image<float>(rows, cols);
-  file.read_pixels<float>(0, {sensor.gain_x.data(), n});
-  file.read_pixels<float>(static_cast<std::int64_t>(n), {sensor.gain_y.data(), n});
-
-  const auto optional_image = [&]<typename T>(const std::string& name, Image<T>& image) {
+/// Reads the maps of the frame's pixels, as far as the file has them.
+void read_pixel_maps(FitsFile& file, Sensor& sensor) {
+  const auto read_optional = [&]<typename T>(const std::string& name, Image<T>& image) {
     if (file.try_select(name))
       image = read_image<T>(file, name, sensor.frame_rows, sensor.frame_cols);
   };
-  optional_image("DARK", sensor.dark_adu);
-  optional_image("FLAT", sensor.flat);
-  optional_image("BADPIX", sensor.bad_pixel);
+  read_optional("DARK", sensor.dark_adu);
+  read_optional("FLAT", sensor.flat);
+  read_optional("BADPIX", sensor.bad_pixel);
+}
 
-  for (std::size_t k = 0; k < n; ++k) {
+/// Throws Failure where the numbers of a valid lenslet make no sense.
+void check_lenslet(const std::string& path, const Sensor& sensor, std::size_t k) {
+  const Window& w = sensor.window[k];
+  if (w.w < 1 || w.h < 1 || w.x0 < 0 || w.y0 < 0 || w.x0 > sensor.frame_cols - w.w ||
+      w.y0 > sensor.frame_rows - w.h)
+    throw Failure(path + ": the window of lenslet " + std::to_string(k) +
+                  " lies outside the detector, calibrate again");
+  const auto within = [](float reference, int start, int length) {
+    return reference >= static_cast<float>(start) - 1.0F &&
+           reference <= static_cast<float>(start + length);
+  };
+  const auto is_gain = [](float gain) { return gain >= 0.01F && gain <= 100.0F; };
+  if (!within(sensor.ref_x_px[k], w.x0, w.w) || !within(sensor.ref_y_px[k], w.y0, w.h) ||
+      !is_gain(sensor.gain_x[k]) || !is_gain(sensor.gain_y[k]))
+    throw Failure(path + ": lenslet " + std::to_string(k) +
+                  " is valid but its reference or gain makes no sense, calibrate again");
+}
+
+}  // namespace
+
+void write_sensor(const std::string& path, const Sensor& sensor) {
+  FitsFile file = FitsFile::create(path);
+  file.create_image(ElementType::kU8, {});
+  write_keys(file, sensor);
+  write_lenslet_maps(file, sensor);
+  write_pixel_maps(file, sensor);
+  file.commit();
+}
+
+Sensor read_sensor(const std::string& path) {
+  FitsFile file = FitsFile::open(path);
+  file.select(0);
+  Sensor sensor;
+  read_keys(file, sensor);
+  read_lenslet_maps(file, sensor);
+  read_pixel_maps(file, sensor);
+  for (std::size_t k = 0; k < sensor.valid.size(); ++k) {
     if (sensor.valid[k] == 0) {
       drop_lenslet(sensor, k);
       continue;
     }
     sensor.valid[k] = 1;
-    const Window& w = sensor.window[k];
-    if (w.w < 1 || w.h < 1 || w.x0 < 0 || w.y0 < 0 || w.x0 > sensor.frame_cols - w.w ||
-        w.y0 > sensor.frame_rows - w.h)
-      throw Failure(path + ": the window of lenslet " + std::to_string(k) +
-                    " lies outside the detector, calibrate again");
-    const auto within = [](float reference, int start, int length) {
-      return reference >= static_cast<float>(start) - 1.0F &&
-             reference <= static_cast<float>(start + length);
-    };
-    const auto is_gain = [](float gain) { return gain >= 0.01F && gain <= 100.0F; };
-    if (!within(sensor.ref_x_px[k], w.x0, w.w) || !within(sensor.ref_y_px[k], w.y0, w.h) ||
-        !is_gain(sensor.gain_x[k]) || !is_gain(sensor.gain_y[k]))
-      throw Failure(path + ": lenslet " + std::to_string(k) +
-                    " is valid but its reference or gain makes no sense, calibrate again");
+    check_lenslet(path, sensor, k);
   }
   return sensor;
 }

@@ -32,7 +32,7 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-/// The cross entropy of a presence; adds its gradient.
+/// Returns the cross entropy of a presence and writes its gradient.
 double lose_presence(const Label& label, float logit, float scale, float& gradient) {
   const float probability = 1.0F / (1.0F + std::exp(-logit));
   gradient = scale * label.weight * (probability - label.present);
@@ -40,8 +40,8 @@ double lose_presence(const Label& label, float logit, float scale, float& gradie
                                              std::max(logit, 0.0F) - label.present * logit));
 }
 
-/// The loss of a sign, its gradient written over the outputs: of its presence and, where a vortex
-/// is, the Gaussian likelihood of its position.
+/// Returns the loss of one sign of charge and writes its gradient. The loss is that of the presence
+/// and, where there is a vortex, the negative logarithm of its position's Gaussian likelihood.
 double lose_vortex(const Label& label, const float* output, float scale, float* gradient) {
   constexpr float kPositionWeight = 2.0F;
   const double loss = lose_presence(label, output[0], scale, gradient[0]);
@@ -65,7 +65,7 @@ double lose_vortex(const Label& label, const float* output, float scale, float* 
                                     (0.5F * (z1 * z1 + z2 * z2) - log_a - log_c));
 }
 
-/// The same of an unresolved pair.
+/// Does the same for an unresolved pair.
 double lose_pair(const Label& label, const float* output, float scale, float* gradient) {
   constexpr float kPairWeight = 0.3F;
   constexpr float kPositionWeight = 0.5F;
@@ -86,14 +86,14 @@ double lose_pair(const Label& label, const float* output, float scale, float* gr
                                     (0.5F * chi_square - 2.0F * log_scale));
 }
 
-/// All of a node's losses.
+/// Sums all losses of a node and writes their gradient.
 double lose(const NodeLabel& label, const float* output, float scale, float* gradient) {
   return lose_vortex(label[0], output, scale, gradient) +
          lose_vortex(label[1], output + kNodeOutputs, scale, gradient + kNodeOutputs) +
          lose_pair(label[2], output + kFirstPairOutput, scale, gradient + kFirstPairOutput);
 }
 
-/// The network for features that are not scaled.
+/// Returns the network that takes features as they are, from one that takes them times `scale`.
 ClassifierNetwork unscaled(ClassifierNetwork network,
                            const std::array<float, kSpotFeatures>& scale) {
   DenseLayer& layer = network.layers.front();
@@ -112,13 +112,13 @@ void initialise(ClassifierNetwork& network, RandomStream& random) {
   }
 }
 
-// ---- Validation: the benchmark's turbulence and noise on larger arrays.
+// Networks are validated in the benchmark's turbulence and noise, on larger arrays than its own.
 
 struct ValidationFields {
   double rytov_variance;
   std::vector<Realisation> realisations;
   std::vector<std::vector<GradedVortex>> truths;
-  std::vector<std::unique_ptr<MeasurementPlan>> plans;  // by flux
+  std::vector<std::unique_ptr<MeasurementPlan>> plans;  ///< There is one for each flux.
 };
 
 FieldParameters validation_parameters(double rytov_variance, int lenslets) {
@@ -169,15 +169,14 @@ double mean_precision(const std::vector<ValidationScore>& scores) {
   return sum / static_cast<double>(scores.size());
 }
 
-}  // namespace
-
-TrainingReport train_vortex_classifier(const TrainingOptions& options,
-                                       const RealisationCache& cache,
-                                       const std::function<void(const std::string&)>& log) {
+void check_options(const TrainingOptions& options) {
   if (options.fields < 1 || options.validation_fields < 1 || options.steps < 1 || options.batch < 1)
     throw UsageError("training needs fields, validation fields, steps and a batch of 1 or more");
-  TrainingReport report;
-  Clock::time_point start = Clock::now();
+}
+
+std::vector<TrainingField> make_training_fields(
+    const TrainingOptions& options, const RealisationCache& cache,
+    const std::function<void(const std::string&)>& log) {
   std::vector<TrainingField> fields(as_size(options.fields));
   std::mutex logging;
   int done = 0;
@@ -188,6 +187,11 @@ TrainingReport train_vortex_classifier(const TrainingOptions& options,
     const std::scoped_lock lock(logging);
     if (++done % 50 == 0) log(fmt::format("{} of {} fields", done, options.fields));
   });
+  return fields;
+}
+
+std::vector<ValidationFields> make_validation_fields(const TrainingOptions& options,
+                                                     const RealisationCache& cache) {
   std::vector<ValidationFields> validation;
   for (const double rytov_variance : {1.0, 2.0, 4.0}) {
     const FieldParameters p = validation_parameters(rytov_variance, options.validation_lenslets);
@@ -204,64 +208,132 @@ TrainingReport train_vortex_classifier(const TrainingOptions& options,
       of_variance.plans.push_back(std::make_unique<MeasurementPlan>(p, measurement));
     }
   }
-  report.simulating_s = seconds_since(start);
+  return validation;
+}
 
-  start = Clock::now();
-  ClassifierNetwork network;
-  RandomStream random(options.seed, 0);
-  initialise(network, random);
-  Lessons lessons(fields, options.seed);
-  ClassifierOptimiser optimiser(network, 0, ClassifierNetwork::kHeadEnd, options.batch);
-  std::vector<NodeLabel> labels(as_size(options.batch));
-  constexpr int kTrials = 8;
-  double loss = 0.0;
-  int losses = 0;
-  double best = -1.0;
-  const auto outputs = as_size(ClassifierNetwork::kOutputs[ClassifierNetwork::kHeadEnd - 1]);
-  for (int step = 1; step <= options.steps; ++step) {
-    for (std::size_t i = 0; i < labels.size(); ++i)
-      labels[i] = lessons.next(optimiser.inputs() + i * kPatchLenslets * kSpotFeatures);
-    const float* output = optimiser.run();
-    float* gradient = optimiser.output_gradient();
-    std::fill_n(gradient, labels.size() * outputs, 0.0F);
-    const float scale = 1.0F / static_cast<float>(options.batch);
-    for (std::size_t i = 0; i < labels.size(); ++i, output += outputs, gradient += outputs)
-      loss += lose(labels[i], output, scale, gradient);
-    losses += options.batch;
+std::string score_text(const std::vector<ValidationScore>& scores) {
+  std::string text = "validation AP";
+  for (const ValidationScore& score : scores)
+    text += fmt::format(" {:.3f}", score.average_precision);
+  text += ", F1";
+  for (const ValidationScore& score : scores) text += fmt::format(" {:.3f}", score.f1);
+  text += ", rms";
+  for (const ValidationScore& score : scores) text += fmt::format(" {:.3f}", score.rms);
+  return text;
+}
+
+/// This trains the encoder and the head, and keeps the network that does best in validation.
+class HeadTraining {
+ public:
+  HeadTraining(const TrainingOptions& options, const std::vector<TrainingField>& fields,
+               const std::vector<ValidationFields>& validation,
+               const std::function<void(const std::string&)>& log)
+      : options_(options),
+        validation_(validation),
+        log_(log),
+        network_(initial_network(options.seed)),
+        lessons_(fields, options.seed),
+        optimiser_(network_, 0, ClassifierNetwork::kHeadEnd, options.batch),
+        labels_(as_size(options.batch)) {}
+
+  double seconds() const { return seconds_since(start_); }
+  double measuring_s() const { return lessons_.measuring_s(); }
+
+  void run(TrainingReport& report) {
+    constexpr int kTrials = 8;
+    const int steps_per_trial = std::max(options_.steps / kTrials, 1);
+    for (int step = 1; step <= options_.steps; ++step) {
+      learn(step);
+      if (step % steps_per_trial == 0 || step == options_.steps) try_out(step, report);
+    }
+  }
+
+ private:
+  static ClassifierNetwork initial_network(std::uint64_t seed) {
+    ClassifierNetwork network;
+    RandomStream random(seed, 0);
+    initialise(network, random);
+    return network;
+  }
+
+  /// Learns one batch of nodes.
+  void learn(int step) {
+    constexpr auto kOutputs =
+        static_cast<std::size_t>(ClassifierNetwork::kOutputs[ClassifierNetwork::kHeadEnd - 1]);
+    for (std::size_t i = 0; i < labels_.size(); ++i)
+      labels_[i] = lessons_.next(optimiser_.inputs() + i * kPatchLenslets * kSpotFeatures);
+    const float* output = optimiser_.run();
+    float* gradient = optimiser_.output_gradient();
+    std::fill_n(gradient, labels_.size() * kOutputs, 0.0F);
+    const float scale = 1.0F / static_cast<float>(options_.batch);
+    for (const NodeLabel& label : labels_) {
+      loss_ += lose(label, output, scale, gradient);
+      output += kOutputs;
+      gradient += kOutputs;
+    }
+    losses_ += options_.batch;
+    optimiser_.step(learning_rate(step));
+  }
+
+  /// Rises during the warm-up, then falls along a cosine.
+  double learning_rate(int step) const {
     constexpr int kWarmUp = 200;
-    const double progress = static_cast<double>(step) / options.steps;
+    const double progress = static_cast<double>(step) / options_.steps;
     const double annealed = 0.5 * (1.0 + std::cos(std::numbers::pi * progress)) + 0.003;
-    optimiser.step(options.learning_rate * std::min(1.0, 1.0 * step / kWarmUp) * annealed);
+    return options_.learning_rate * std::min(1.0, 1.0 * step / kWarmUp) * annealed;
+  }
 
-    if (step % std::max(options.steps / kTrials, 1) != 0 && step != options.steps) continue;
+  /// Validates the network as it is now, and keeps it where it is the best so far.
+  void try_out(int step, TrainingReport& report) {
     const Clock::time_point validating = Clock::now();
-    const ClassifierNetwork trial = unscaled(network, lessons.scale());
-    const std::vector<ValidationScore> scores = validate(validation, trial);
+    const ClassifierNetwork trial = unscaled(network_, lessons_.scale());
+    const std::vector<ValidationScore> scores = validate(validation_, trial);
     report.validating_s += seconds_since(validating);
-    std::string text = fmt::format("step {} of {}, {:.0f} s, loss {:.4f}, validation AP", step,
-                                   options.steps, seconds_since(start), loss / losses);
-    for (const ValidationScore& score : scores)
-      text += fmt::format(" {:.3f}", score.average_precision);
-    text += ", F1";
-    for (const ValidationScore& score : scores) text += fmt::format(" {:.3f}", score.f1);
-    text += ", rms";
-    for (const ValidationScore& score : scores) text += fmt::format(" {:.3f}", score.rms);
-    log(text);
-    loss = 0.0;
-    losses = 0;
-    if (mean_precision(scores) > best) {
-      best = mean_precision(scores);
+    log_(fmt::format("step {} of {}, {:.0f} s, loss {:.4f}, {}", step, options_.steps, seconds(),
+                     loss_ / losses_, score_text(scores)));
+    loss_ = 0.0;
+    losses_ = 0;
+    if (mean_precision(scores) > best_) {
+      best_ = mean_precision(scores);
       report.network = trial;
       report.validation = scores;
     }
   }
+
+  const TrainingOptions& options_;
+  const std::vector<ValidationFields>& validation_;
+  const std::function<void(const std::string&)>& log_;
+  Clock::time_point start_ = Clock::now();
+  ClassifierNetwork network_;
+  Lessons lessons_;
+  ClassifierOptimiser optimiser_;
+  std::vector<NodeLabel> labels_;
+  double loss_ = 0.0;  ///< This is the sum over the nodes since the last trial.
+  int losses_ = 0;     ///< This many nodes are in the sum.
+  double best_ = -1.0;
+};
+
+}  // namespace
+
+TrainingReport train_vortex_classifier(const TrainingOptions& options,
+                                       const RealisationCache& cache,
+                                       const std::function<void(const std::string&)>& log) {
+  check_options(options);
+  TrainingReport report;
+  const Clock::time_point simulating = Clock::now();
+  std::vector<TrainingField> fields = make_training_fields(options, cache, log);
+  const std::vector<ValidationFields> validation = make_validation_fields(options, cache);
+  report.simulating_s = seconds_since(simulating);
+
+  HeadTraining training(options, fields, validation, log);
+  training.run(report);
   const Clock::time_point scouting = Clock::now();
   train_scout(fields, options.seed, report.network, log);
   train_screen(fields, options.seed, report.network, log);
   report.scouting_s = seconds_since(scouting);
-  report.measuring_s = lessons.measuring_s();
+  report.measuring_s = training.measuring_s();
   report.training_s =
-      seconds_since(start) - report.scouting_s - report.measuring_s - report.validating_s;
+      training.seconds() - report.scouting_s - report.measuring_s - report.validating_s;
   return report;
 }
 
