@@ -18,7 +18,8 @@
 namespace curlew {
 namespace {
 
-constexpr std::chrono::milliseconds kPatience{2000};  // with somebody who has connected
+// Whoever has connected must ask the question within this time.
+constexpr std::chrono::milliseconds kPatience{2000};
 
 sockaddr_un address_of(const std::string& path) {
   sockaddr_un address{};
@@ -29,7 +30,7 @@ sockaddr_un address_of(const std::string& path) {
   return address;
 }
 
-/// A descriptor that closes itself.
+/// This closes the descriptor at the end of its scope.
 class Descriptor {
  public:
   explicit Descriptor(int fd) : fd_(fd) {}
@@ -57,7 +58,8 @@ bool readable(int fd, int timeout_ms) {
   return poll(&wanted, 1, timeout_ms) == 1;
 }
 
-/// Up to the end of the line, or what came before patience ended, also with one who dribbles.
+/// Reads up to the end of the line. Returns what has come when the patience ends, so that a peer
+/// who sends a byte now and then cannot hold the daemon up.
 std::string read_line(int fd) {
   using Clock = std::chrono::steady_clock;
   const auto end = Clock::now() + kPatience;
@@ -93,7 +95,7 @@ ControlSocket::ControlSocket(const std::string& path) : path_(path) {
     const Descriptor probe(new_socket());
     if (connects(probe.fd(), address))
       throw Failure("another curlew listens at " + path + ", give this one another control socket");
-    // Whatever is no socket refuses as well, and is somebody's file.
+    // A path that is no socket refuses the connection too. It is somebody's file and must stay.
     struct stat left_behind {};
     if (errno == ECONNREFUSED && lstat(path.c_str(), &left_behind) == 0 &&
         S_ISSOCK(left_behind.st_mode))

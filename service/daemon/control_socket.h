@@ -1,4 +1,4 @@
-// ControlSocket: a word to the running daemon, and its answer, over a Unix socket.
+// ControlSocket takes words for the running daemon and gives its answers, over a Unix socket.
 #pragma once
 
 #include <functional>
@@ -6,17 +6,17 @@
 
 namespace curlew {
 
-/// Its owner and group may ask. One line in, one line out.
+/// The socket's owner and group may ask. A question is one line, and so is its answer.
 class ControlSocket {
  public:
-  /// Listens at path; one left behind by a daemon that was killed is replaced. Failure where it
-  /// cannot be made, or another daemon listens there.
+  /// Listens at path. A socket that a killed daemon left behind is replaced. Failure where the
+  /// socket cannot be made, or another daemon listens there.
   explicit ControlSocket(const std::string& path);
   ~ControlSocket();
   ControlSocket(const ControlSocket&) = delete;
   ControlSocket& operator=(const ControlSocket&) = delete;
 
-  /// Waits up to timeout_ms for somebody to ask, and answers. Returns earlier where a signal comes.
+  /// Waits up to timeout_ms for somebody to ask, and answers. A signal ends the wait early.
   void serve(int timeout_ms, const std::function<std::string(const std::string&)>& answer) const;
 
  private:
@@ -24,7 +24,8 @@ class ControlSocket {
   int listening_ = -1;
 };
 
-/// Asks the daemon that listens at path. Failure where none does, or it does not answer.
+/// Asks the daemon that listens at path. Failure where no daemon listens there, or where it does
+/// not answer.
 std::string ask_daemon(const std::string& path, const std::string& word);
 
 }  // namespace curlew

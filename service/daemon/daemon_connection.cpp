@@ -1,13 +1,13 @@
-// The daemon's connecting thread: find the camera, stream, find it again.
+#include "service/daemon/daemon_connection.h"
+
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <thread>
+#include <chrono>
+#include <string>
 
 #include "acquisition/open_camera.h"
 #include "core/error.h"
-#include "service/daemon/daemon.h"
-#include "service/program/version.h"
 
 namespace curlew {
 namespace {
@@ -22,21 +22,16 @@ std::string reason_of(LiveFeed::End end, const Camera& camera, const CameraOptio
                      longest_silence_s(options), camera.description());
 }
 
-void log_recorder(const std::string& sentence) {
-  const bool bad = sentence.rfind("recording stopped", 0) == 0;
-  spdlog::log(bad ? spdlog::level::warn : spdlog::level::info, "{}", sentence);
-}
-
 }  // namespace
 
-void Daemon::connect_until_stopped() {
+void DaemonConnection::run() {
   double pause_s = kFirstPauseS;
-  std::string complaint;  // the last one, so that it is not said again and again
+  std::string complaint;  // The last one is kept, so that it is not logged again and again.
   while (!control_.stop) {
     ++control_.signs_of_life;
-    const Config config = current_config();
+    const Config config = pipeline_.config();
     try {
-      set_state(DaemonState::kSearching, "");
+      status_.enter(DaemonState::kSearching, "");
       const bool had_frames = connect(config);
       complaint.clear();
       if (had_frames) pause_s = kFirstPauseS;
@@ -45,7 +40,8 @@ void Daemon::connect_until_stopped() {
       if (failure.what() != complaint) spdlog::warn("{}", failure.what());
       complaint = failure.what();
     } catch (const UsageError& error) {
-      if (totals_.connections == 0) throw;  // from the start; not a reload that went wrong
+      // After the first connection it is a reload that went wrong, and another may mend it.
+      if (status_.snapshot().counts.connections == 0) throw;
       if (error.what() != complaint) spdlog::error("{}", error.what());
       complaint = error.what();
     }
@@ -53,157 +49,77 @@ void Daemon::connect_until_stopped() {
     pause(pause_s);
     pause_s = std::min(2.0 * pause_s, config.camera.max_backoff_s);
   }
-  set_state(DaemonState::kStopping, "");
+  status_.enter(DaemonState::kStopping, "");
 }
 
-/// One connection from opening to losing it. Returns whether it gave any frame.
-bool Daemon::connect(const Config& config) {
-  set_state(DaemonState::kOpening, config.camera.source);
-  const std::unique_ptr<Camera> camera = open_camera(config.camera, [this,
-                                                                     realtime = config.realtime] {
-    tell_refusals(enter_realtime("curlew-camera", realtime.camera_cpus, realtime.camera_priority));
-  });
+/// Opens the camera and streams until it is lost. Returns whether it gave any frame.
+bool DaemonConnection::connect(const Config& config) {
+  const StatusSnapshot before = status_.snapshot();
+  status_.enter(DaemonState::kOpening, config.camera.source);
+  const auto enter_camera_thread = [this, realtime = config.realtime] {
+    status_.refused(
+        enter_realtime("curlew-camera", realtime.camera_cpus, realtime.camera_priority));
+  };
+  const std::unique_ptr<Camera> camera = open_camera(config.camera, enter_camera_thread);
   spdlog::info("{}: {} x {} px", camera->description(), camera->format().cols,
                camera->format().rows);
   try {
-    prepare(camera->format());
+    pipeline_.prepare(camera->format(), before.counts.connections);
   } catch (const Failure& failure) {
-    // From the start it is the configuration that is wrong, and waiting mends nothing.
-    if (totals_.connections == 0) throw UsageError(failure.what());
+    // Before the first connection it is the configuration that is wrong, and waiting mends nothing.
+    if (before.counts.connections == 0) throw UsageError(failure.what());
     throw;
   }
-  {
-    const std::lock_guard lock(mutex_);
-    ++totals_.connections;
-  }
-  const std::int64_t before = results_;
+  status_.camera_opened();
   stream(*camera, config);
-  return results_ > before;
+  return status_.snapshot().results > before.results;
 }
 
-/// Plan, slots, recorder for frames of this format; kept from the last connection where they fit.
-/// What takes its time is done without the mutex, so that the supervisor is never kept waiting.
-void Daemon::prepare(const FrameFormat& format) {
-  std::unique_lock lock(mutex_);
-  if (format_ == format) return;
-  format_.reset();  // until all fits the new one
-  pipeline_.reset();
-  pending_plan_.reset();
-  const std::unique_ptr<Recorder> old = std::move(recorder_);
-  std::int64_t made_from = -1;
-  std::shared_ptr<Pipeline> pipeline;
-  std::unique_ptr<Recorder> recorder;
-  RecorderCounts recorded;
-  while (made_from != configurations_) {  // again where it was reloaded meanwhile
-    made_from = configurations_;
-    const Config config = config_;
-    const Sensor sensor = sensor_;
-    lock.unlock();
-    if (old) recorded = old->finish();
-    pipeline =
-        std::make_shared<Pipeline>(std::make_shared<const Plan>(sensor, format, config),
-                                   config.pipeline, placement_.thread_start(), totals_.connections);
-    recorder.reset();
-    if (config.recorder.mode != RecordMode::kOff)
-      recorder = std::make_unique<Recorder>(config.recorder, format, sensor.optics, sensor.detector,
-                                            log_recorder);
-    lock.lock();
-  }
-  totals_.recorder += recorded;
-  pipeline_ = std::move(pipeline);
-  recorder_ = std::move(recorder);
-  format_ = format;
-}
-
-void Daemon::stream(Camera& camera, const Config& config) {
+void DaemonConnection::stream(Camera& camera, const Config& config) {
   FrameExchange exchange(
       camera.format(), config.pipeline.slots + 1 + static_cast<std::size_t>(config.camera.buffers));
   if (!realtime_) {
     realtime_ = std::make_unique<ProcessRealtime>(config.realtime);
     for (const std::string& got : realtime_->got()) spdlog::info("{}", got);
-    tell_refusals(realtime_->refused());
+    status_.refused(realtime_->refused());
   }
-  LiveFeed::End end{};
-  const std::int64_t before = results_;
   const auto settle_accounts = [&] {
-    const std::lock_guard lock(mutex_);
-    camera_ = nullptr;
-    exchange_ = nullptr;
-    totals_.frames += camera.counts();
-    totals_.superseded += exchange.superseded();
-    totals_.unprocessed += exchange.delivered() - exchange.superseded() - (results_ - before);
+    set_streaming(nullptr, nullptr);
+    status_.stream_ended(camera, exchange);
   };
   try {
     const Streaming streaming(camera, exchange);
-    {
-      const std::lock_guard lock(mutex_);
-      camera_ = &camera;
-      exchange_ = &exchange;
-    }
+    set_streaming(&camera, &exchange);
+    status_.stream_began(camera, exchange);
     for (const std::string& note : camera.notes()) spdlog::info("{}", note);
-    set_state(DaemonState::kStreaming, camera.description());
-    end = run_pipeline(exchange, config);
+    status_.enter(DaemonState::kStreaming, camera.description());
+    const LiveFeed::End end = run_pipeline(exchange, config);
     const bool over = end == LiveFeed::End::kClosed && camera.failure().empty();
-    if (over || end == LiveFeed::End::kLimit) request_stop();
+    if (over || end == LiveFeed::End::kLimit) stop();
     if (control_.stop)
-      set_state(DaemonState::kStopping, "");
+      status_.enter(DaemonState::kStopping, "");
     else
-      set_state(DaemonState::kLost, reason_of(end, camera, config.camera));
+      status_.enter(DaemonState::kLost, reason_of(end, camera, config.camera));
   } catch (...) {
     settle_accounts();
     throw;
   }
   settle_accounts();
-  // It would begin with its first frame again, and fail again.
+  // A recording or a simulation would begin with its first frame again, and fail again.
   if (!camera.failure().empty() && !comes_and_goes(config.camera)) throw Failure(camera.failure());
 }
 
-/// Runs it in a thread of its own, so that its CPU and priority do not pass on to threads that are
-/// begun later.
-LiveFeed::End Daemon::run_pipeline(FrameExchange& exchange, const Config& config) {
-  LiveFeed::Limits limits;
-  limits.first_index = next_index_;
-  limits.end_index = limits_.frames;
-  if (limits_.seconds < 1e9)
-    limits.until = started_ + std::chrono::duration_cast<Clock::duration>(
-                                  std::chrono::duration<double>(limits_.seconds));
+LiveFeed::End DaemonConnection::run_pipeline(FrameExchange& exchange, const Config& config) {
   // A recording that is played slowly is not lost.
-  limits.timeout_s = comes_and_goes(config.camera) ? longest_silence_s(config.camera) : 0.0;
-  LiveFeed feed(exchange, limits, control_);
-  const std::int64_t dropped_before = totals_.results.dropped;
-  Publisher publisher;
-  publisher.publish = [&](const FrameSlot& slot) {
-    if (recorder_) recorder_->add(*slot.frame, !slot.vortices.empty());
-  };
-  publisher.finish = [&](const FrameSlot& slot, std::int64_t dropped) {
-    if (writer_) writer_->add(slot, dropped_before + dropped);
-    statistics_.add(slot);
-    results_.fetch_add(1, std::memory_order_relaxed);
-  };
-  RunReport report;
-  std::exception_ptr failure;
-  std::thread frames([&] {
-    try {
-      report = pipeline_->run(feed, publisher);
-    } catch (...) {
-      failure = std::current_exception();
-    }
-  });
-  frames.join();
-  next_index_ = feed.next_index();
-  const std::lock_guard lock(mutex_);
-  totals_.results.merge(report);
-  if (failure) std::rethrow_exception(failure);
+  limits_.timeout_s = comes_and_goes(config.camera) ? longest_silence_s(config.camera) : 0.0;
+  LiveFeed feed(exchange, limits_, control_);
+  pipeline_.run(feed);
+  limits_.first_index = feed.next_index();
   return feed.end();
 }
 
-Config Daemon::current_config() const {
-  const std::lock_guard lock(mutex_);
-  return config_;
-}
-
-/// Gives signs of life: a long pause is no reason for the watchdog to bite.
-void Daemon::pause(double seconds) {
+// It gives signs of life, so that the watchdog does not take a long pause for a hang.
+void DaemonConnection::pause(double seconds) {
   const auto end = Clock::now() + std::chrono::duration_cast<Clock::duration>(
                                       std::chrono::duration<double>(seconds));
   std::unique_lock lock(mutex_);
@@ -212,6 +128,35 @@ void Daemon::pause(double seconds) {
     woken_.wait_until(lock, std::min(end, Clock::now() + std::chrono::seconds(1)));
   }
   wake_up_ = false;
+}
+
+void DaemonConnection::set_streaming(Camera* camera, FrameExchange* exchange) {
+  const std::lock_guard lock(mutex_);
+  camera_ = camera;
+  exchange_ = exchange;
+}
+
+void DaemonConnection::stop() {
+  control_.stop = true;
+  {
+    const std::lock_guard lock(mutex_);
+    if (exchange_ != nullptr) exchange_->close();  // The pipeline need not wait for a frame.
+  }
+  wake();
+}
+
+void DaemonConnection::wake() {
+  {
+    const std::lock_guard lock(mutex_);
+    wake_up_ = true;
+  }
+  woken_.notify_all();
+}
+
+void DaemonConnection::expose() {
+  const std::lock_guard lock(mutex_);
+  if (camera_ == nullptr) throw Failure("no camera is streaming");
+  camera_->trigger();
 }
 
 }  // namespace curlew

@@ -1,5 +1,5 @@
-// LiveStatistics: what the last second of results was like, told from the publisher's thread to
-// whoever shows it.
+// LiveStatistics sums up the last second of results. The publisher's thread fills it, and another
+// thread shows it.
 #pragma once
 
 #include <chrono>
@@ -11,22 +11,25 @@
 
 namespace curlew {
 
-/// About a second of results.
+/// This sums up the results of about a second. The latencies are from the receipt of a frame to its
+/// results.
 struct StatusWindow {
   std::int64_t frames = 0;
-  std::int64_t vortices_now = 0;  ///< of the last frame
-  std::int64_t late = 0;          ///< missed the deadline
+  std::int64_t vortices_now = 0;  ///< It counts the vortices of the last frame.
+  std::int64_t late = 0;          ///< It counts the frames that missed the deadline.
   double seconds = 0.0;
-  std::int64_t p50_ns = 0;  ///< received → results
+  std::int64_t p50_ns = 0;
   std::int64_t p99_ns = 0;
   std::int64_t max_ns = 0;
+
+  double frames_per_s() const { return frames > 0 ? static_cast<double>(frames) / seconds : 0.0; }
 };
 
 class LiveStatistics {
  public:
   LiveStatistics() : windows_(8, [] { return std::make_unique<StatusWindow>(); }) {}
 
-  /// Publisher's thread, once a frame; never waits or allocates.
+  /// The publisher's thread calls this once a frame. It never waits or allocates.
   void add(const FrameSlot& slot) noexcept {
     ++current_.frames;
     current_.vortices_now = static_cast<std::int64_t>(slot.vortices.size());
@@ -48,8 +51,8 @@ class LiveStatistics {
     since_ = now;
   }
 
-  /// The other thread: the newest window since the last call, with the late frames of all of them;
-  /// false where there is none.
+  /// The other thread calls this. It gives the newest window since the last call, with the late
+  /// frames of all windows since then; false where there is none.
   bool take(StatusWindow& window) noexcept {
     bool any = false;
     StatusWindow* taken = nullptr;

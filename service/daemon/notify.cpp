@@ -12,7 +12,7 @@ namespace {
 
 void send(const std::string& state) { sd_notify(0, state.c_str()); }
 
-/// A status is one line; a second one would be another variable.
+/// Joins the lines of the text. The protocol would take a second line for another variable.
 std::string one_line(std::string text) {
   std::replace(text.begin(), text.end(), '\n', ' ');
   return text;
@@ -21,7 +21,7 @@ std::string one_line(std::string text) {
 }  // namespace
 
 Supervisor::Supervisor()
-    // Nothing in the program changes its environment.
+    // getenv() is safe among threads here, because nothing in the program sets a variable.
     : listens_(std::getenv("NOTIFY_SOCKET") != nullptr) {  // NOLINT(concurrency-mt-unsafe)
   std::uint64_t period_us = 0;
   if (listens_ && sd_watchdog_enabled(0, &period_us) > 0)
@@ -38,7 +38,7 @@ void Supervisor::status(const std::string& text) const {
 
 void Supervisor::reloading() const {
   if (!listens_) return;
-  // systemd 253 and later want to know since when; earlier ones do not mind.
+  // systemd 253 and later want to know since when. Earlier versions do not mind being told.
   timespec now{};
   clock_gettime(CLOCK_MONOTONIC, &now);
   const std::int64_t now_us = std::int64_t{now.tv_sec} * 1000000 + now.tv_nsec / 1000;

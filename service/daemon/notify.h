@@ -1,4 +1,4 @@
-// Supervisor: what the service manager that started the program, systemd, is told about it.
+// Supervisor tells systemd, the service manager that started the program, how the program is.
 #pragma once
 
 #include <chrono>
@@ -6,26 +6,26 @@
 
 namespace curlew {
 
-/// Speaks sd_notify(3). Where no service manager listens ($NOTIFY_SOCKET is not set) every call
-/// does nothing. Any thread, one at a time. Never throws.
+/// It speaks the protocol of sd_notify(3). Where no service manager listens ($NOTIFY_SOCKET is not
+/// set) every call does nothing. Any thread may call it, but only one at a time. It never throws.
 class Supervisor {
  public:
   Supervisor();
 
-  /// Whether a service manager listens.
+  /// Tells whether a service manager listens.
   bool listens() const { return listens_; }
-  /// How often it wants to hear from the program; 0: it does not watch.
+  /// Returns how often the manager wants to hear from the program; 0 where it does not watch it.
   std::chrono::microseconds watchdog_period() const { return watchdog_period_; }
 
-  /// The program does its work, from now on or again after reloading().
+  /// The program is ready: it has started, or it has read its configuration again.
   void ready(const std::string& status) const;
-  /// One line for `systemctl status`.
+  /// `systemctl status` shows this text, in one line.
   void status(const std::string& text) const;
-  /// The configuration is being read again; ready() must follow.
+  /// The program reads its configuration again. A call of ready() must follow.
   void reloading() const;
+  /// The program is about to end.
   void stopping() const;
-  /// The program is alive. Call it as often as you like: a word is sent when half the period is
-  /// over.
+  /// The program is alive. Call this as often as you like: it sends one message in half a period.
   void watchdog();
 
  private:

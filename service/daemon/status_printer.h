@@ -1,38 +1,28 @@
-// StatusPrinter: a line a second on a terminal, a line every ten in the log otherwise.
+// StatusPrinter shows the daemon's status: a line a second on a terminal, otherwise a line every
+// ten seconds in the log.
 #pragma once
 
-#include <cstdint>
 #include <string>
 
-#include "acquisition/camera.h"
-#include "service/daemon/live_statistics.h"
-#include "service/recorder/recorder.h"
+#include "service/daemon/daemon_status.h"
 
 namespace curlew {
 
-/// What there is to say about the daemon's last second.
-struct DaemonStatus {
-  std::string state;
-  double frames_per_s = 0.0;  ///< results
-  StatusWindow window;        ///< of the last results
-  FrameCounts frames;         ///< since the start
-  std::int64_t superseded = 0;
-  std::int64_t results = 0;
-  RecorderCounts recorder;
-  bool recording = false;
-};
+/// Returns "streaming  1000.0 frames/s  p50 83 p99 120 max 300 µs  vortices 3", and where frames
+/// were lost also how many, by their causes.
+std::string status_line(const StatusSnapshot& status);
 
-/// "streaming  1000.0 frames/s  p50 83 p99 120 max 300 µs  vortices 3  lost 0 …": what was lost,
-/// by cause, where anything was.
-std::string status_line(const DaemonStatus& status);
+/// Returns the line for the log, in the form key=value.
+std::string status_fields(const StatusSnapshot& status);
 
-/// The same as key=value.
-std::string status_fields(const DaemonStatus& status);
+/// Returns the answer to `curlew control status`: one JSON object in one line.
+std::string status_json(const StatusSnapshot& status);
 
 class StatusPrinter {
  public:
   StatusPrinter();
-  void add(const DaemonStatus& status);
+  /// Call it once a second.
+  void add(const StatusSnapshot& status);
 
  private:
   bool terminal_;

@@ -32,7 +32,8 @@ steady_clock::duration seconds(double s) {
   return std::chrono::duration_cast<steady_clock::duration>(std::chrono::duration<double>(s));
 }
 
-// An ordinary thread that yields to the others, whoever began it.
+// Makes the calling thread an ordinary one that yields to the others, even where a real-time thread
+// began it.
 void become_polite() {
   constexpr int kNice = 5;
   pthread_setname_np(pthread_self(), "recorder");
@@ -49,7 +50,8 @@ struct Recorder::Item {
   bool is_trigger = false;
 };
 
-/// What the recorder's thread does with the items.
+/// The recorder's thread runs this: it takes the items, and writes them or keeps them for a
+/// trigger.
 class Recorder::Writer {
  public:
   Writer(SideQueue<Item>& queue, const RecorderOptions& options, const FrameFormat& format,
@@ -133,11 +135,11 @@ class Recorder::Writer {
   RecorderOptions options_;
   steady_clock::duration before_;
   steady_clock::duration after_;
-  std::size_t max_kept_;  ///< items, so that some are always free for new frames
+  std::size_t max_kept_;  ///< It is less than all items, so that some are free for new frames.
   std::function<void(const std::string&)> log_;
   RecorderFiles files_;
-  std::deque<Item*> kept_;  ///< the last frames before a trigger, oldest first
-  steady_clock::time_point until_ = steady_clock::time_point::min();  ///< the event's end
+  std::deque<Item*> kept_;  ///< These are the last frames before a trigger, oldest first.
+  steady_clock::time_point until_ = steady_clock::time_point::min();  ///< The event ends then.
   bool has_told_of_memory_ = false;
 };
 
@@ -147,7 +149,8 @@ Recorder::Recorder(const RecorderOptions& options, const FrameFormat& format, co
   if (options.mode == RecordMode::kOff) return;
   queue_ = std::make_unique<SideQueue<Item>>(item_count(options, format),
                                              [&] { return std::make_unique<Item>(format); });
-  const auto mutex = std::make_shared<std::mutex>();  // the compressor logs as well
+  // The recorder's thread and the compressor's thread both log.
+  const auto mutex = std::make_shared<std::mutex>();
   writer_ = std::make_unique<Writer>(*queue_, options, format, optics, detector,
                                      [mutex, log = std::move(log)](const std::string& sentence) {
                                        const std::lock_guard lock(*mutex);

@@ -1,4 +1,4 @@
-// Recorder: frames to disk beside the pipeline, which it never slows.
+// Recorder writes frames to disk beside the pipeline, and never slows it.
 #pragma once
 
 #include <atomic>
@@ -16,30 +16,30 @@ namespace curlew {
 
 enum class RecordMode {
   kOff,
-  kContinuous,  ///< every frame
-  kTrigger,     ///< before_s before a trigger to after_s after it
+  kContinuous,  ///< It records every frame.
+  kTrigger,     ///< It records from before_s before a trigger to after_s after it.
 };
 
-/// Section [recorder] of the configuration.
+/// These are the settings of section [recorder] in the configuration.
 struct RecorderOptions {
   RecordMode mode = RecordMode::kOff;
   std::string folder = ".";
-  double before_s = 5.0;           ///< kTrigger: kept in memory, as far as memory_mb reaches
-  double after_s = 5.0;            ///< kTrigger
-  bool trigger_on_vortex = false;  ///< kTrigger: a frame with a vortex is a trigger
-  int memory_mb = 256;             ///< frames waiting to be written, or kept for a trigger
-  int max_file_mb = 2000;          ///< then the next file
-  double max_file_s = 600.0;       ///< then the next file
-  int min_free_mb = 500;           ///< of the disk; recording stops before it has less
-  bool compress = false;           ///< lossless tile compression (Rice) once a file is complete
+  double before_s = 5.0;           ///< With kTrigger this much is kept, if memory_mb suffices.
+  double after_s = 5.0;            ///< With kTrigger it records this long after a trigger.
+  bool trigger_on_vortex = false;  ///< With kTrigger a frame with a vortex is a trigger.
+  int memory_mb = 256;             ///< It holds frames to be written, or kept for a trigger.
+  int max_file_mb = 2000;          ///< At this size the next file begins.
+  double max_file_s = 600.0;       ///< At this age the next file begins.
+  int min_free_mb = 500;           ///< Recording stops before the disk has less free.
+  bool compress = false;           ///< Complete files get lossless tile compression (Rice).
 };
 
-/// What the recorder has done so far.
+/// This is what the recorder has done so far.
 struct RecorderCounts {
-  std::int64_t recorded = 0;  ///< frames on disk, where readers see them
-  std::int64_t dropped = 0;   ///< frames it had no memory free for, or that the disk refused
-  std::int64_t files = 0;     ///< begun
-  bool stopped = false;       ///< for now: the disk is full or failing, see the log
+  std::int64_t recorded = 0;  ///< It counts frames on disk that readers can see.
+  std::int64_t dropped = 0;   ///< It counts frames that memory or disk did not take.
+  std::int64_t files = 0;     ///< It counts files that were begun.
+  bool stopped = false;       ///< The disk is full or failing at present; the log tells more.
 
   RecorderCounts& operator+=(const RecorderCounts& more) {
     recorded += more.recorded;
@@ -50,22 +50,22 @@ struct RecorderCounts {
   }
 };
 
-/// Recordings in the folder, each named by the UTC of its first frame
-/// (curlew-20261123T041500.123Z.fits; compressed, .fits.fz), each readable while it grows and after
-/// a kill: see GrowingRecording. Readers see new frames twice a second.
+/// It writes recordings into the folder. Each is named by the UTC of its first frame:
+/// curlew-20261123T041500.123Z.fits, or .fits.fz once it is compressed. Each can be read while it
+/// grows and after a kill, as GrowingRecording explains. Readers see new frames twice a second.
 ///
-/// kTrigger: an event is the frames from before_s before a trigger to after_s after it, by the
-/// times they were received; a further trigger meanwhile extends it. Each event begins a file; no
-/// frame is recorded twice.
+/// With kTrigger an event holds the frames that were received from before_s before a trigger to
+/// after_s after it. A further trigger in this time extends the event. Each event begins a file,
+/// and no frame is recorded twice.
 ///
-/// Where the disk is nearly full it stops, and goes on once there is room again; after a write
-/// error it stays stopped. Meanwhile frames count as dropped.
+/// Where the disk is nearly full it stops, and goes on once there is room again. After a write
+/// error it stays stopped. While it is stopped, frames count as dropped.
 class Recorder {
  public:
-  /// log: gets one sentence at a time, from threads of the recorder: files begun and complete, and
-  /// why it stopped. Failure where the folder cannot be written, or the frames are not in plain
-  /// ADU. Makes memory_mb of frame buffers (at least 4 frames) and begins its thread. kOff: makes
-  /// nothing, and add() does nothing.
+  /// Makes memory_mb of frame buffers (at least 4 frames) and begins its thread. With kOff it makes
+  /// nothing, and add() does nothing. log: threads of the recorder call it with one sentence at a
+  /// time, when a file is begun or complete, and when recording stops or goes on. Failure where the
+  /// folder cannot be written, or the frames are not in plain ADU.
   Recorder(const RecorderOptions& options, const FrameFormat& format, const Optics& optics,
            const Detector& detector, std::function<void(const std::string&)> log);
 
@@ -73,18 +73,20 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  /// Publisher's thread, once a frame. Copies the pixels; never waits, allocates or throws.
+  /// The publisher's thread calls this once a frame. It copies the pixels, and never waits,
+  /// allocates or throws.
   void add(const FrameBuffer& frame, bool has_vortex) noexcept;
 
-  /// Any thread, also several times; kTrigger: the next frame added is the trigger.
+  /// With kTrigger the next frame added is the trigger. Any thread may call this, and more than
+  /// once.
   void trigger() noexcept;
 
-  /// Writes what it holds and completes the file; add() must not be called any more. What is not
-  /// compressed yet stays as it is. The destructor does it too.
+  /// Writes the frames it holds and completes the file. add() must not be called after that. Files
+  /// that are not compressed yet stay as they are. The destructor calls this too.
   RecorderCounts finish();
 
-  /// Any thread. Frames that wait in memory are in none of the counts, and neither are those that
-  /// no trigger asked for.
+  /// Any thread may call this. Frames that wait in memory are in none of the counts, and neither
+  /// are those that no trigger asked for.
   RecorderCounts counts() const;
 
  private:

@@ -23,10 +23,10 @@ using std::chrono::steady_clock;
 constexpr std::int64_t kMegabyte = 1'000'000;
 constexpr std::chrono::milliseconds kCommitInterval{500};
 constexpr std::chrono::seconds kLookInterval{1};
-constexpr std::int64_t kBlocks =
-    std::int64_t{5} * 2880;  // headers and padding behind the frames, generously
+// The headers and the padding behind the frames need less than this many bytes.
+constexpr std::int64_t kBlocks = std::int64_t{5} * 2880;
 
-// curlew-20261123T041500.123Z
+// Returns a name like curlew-20261123T041500.123Z.
 std::string file_name(std::int64_t utc_ns) {
   const std::time_t seconds = utc_ns / 1'000'000'000;
   std::tm utc{};
@@ -50,7 +50,7 @@ std::int64_t free_bytes(const std::string& folder) {
   return static_cast<std::int64_t>(disk.f_bavail) * static_cast<std::int64_t>(disk.f_frsize);
 }
 
-// Well above min_free_mb, so that recording does not stop and go on all the time.
+// This lies well above min_free_mb, so that recording does not stop and go on all the time.
 std::int64_t resume_mb(const RecorderOptions& options) {
   return 2 * std::int64_t{options.min_free_mb} + options.memory_mb;
 }
@@ -91,7 +91,7 @@ RecorderCounts RecorderFiles::counts() const {
           files_.load(std::memory_order_relaxed), stopped_.load(std::memory_order_relaxed)};
 }
 
-// Where the act throws, recording is over.
+// Does the act. Where it throws, recording stops for good.
 template <typename Act>
 void RecorderFiles::or_fail(Act&& act) noexcept {
   try {
@@ -143,7 +143,7 @@ void RecorderFiles::begin_file(const FrameHeader& first) {
   file_ = std::make_unique<GrowingRecording>(path.string(), format_, optics_, detector_, kProgram);
   in_whole_files_ = recorded_;
   first_received_ = first.received;
-  next_commit_ = {};  // the first frame makes the file appear
+  next_commit_ = {};  // It is due at once, so that the file appears with its first frame.
   files_.fetch_add(1, std::memory_order_relaxed);
   log_(fmt::format("recording to {}", path.string()));
 }
@@ -173,7 +173,7 @@ void RecorderFiles::complete_file() {
 
 bool RecorderFiles::disk_has_room() {
   if (stopped_) return !failed_ && room_is_back();
-  // The next frame and its row, and the table once more, which moves behind it.
+  // The disk must take the next frame, and behind it the whole table again, with one row more.
   const std::int64_t rows = 1 + (file_ ? file_->frames() : 0);
   const std::int64_t next =
       static_cast<std::int64_t>(format_.bytes()) + rows * kFrameRowBytes + kBlocks;
@@ -202,7 +202,7 @@ void RecorderFiles::count_recorded() {
   recorded_.store(in_whole_files_ + file_->committed(), std::memory_order_relaxed);
 }
 
-// To be called only when no frame waits for a commit.
+// Call it only while no frame waits for a commit.
 void RecorderFiles::count_the_rest_dropped() {
   dropped_.store(given_ - recorded_.load(std::memory_order_relaxed), std::memory_order_relaxed);
 }

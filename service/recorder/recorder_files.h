@@ -1,4 +1,5 @@
-// RecorderFiles: the recorder's frames into one file after the other, within the disk's limits.
+// RecorderFiles writes the recorder's frames into one file after the other, and leaves room on the
+// disk.
 #pragma once
 
 #include <atomic>
@@ -16,11 +17,12 @@
 
 namespace curlew {
 
-/// Files are named by the UTC of their first frame: FOLDER/curlew-20261123T041500.123Z.fits. Never
-/// overwrites a file. Throws nothing after the constructor: what goes wrong is logged, once.
+/// Files are named by the UTC of their first frame: FOLDER/curlew-20261123T041500.123Z.fits. No
+/// file is ever overwritten. Only the constructor throws: what goes wrong later is logged once.
 ///
-/// Stops before the disk has less than min_free_mb, and goes on once it has twice that and
-/// memory_mb more. A write error stops it for good. Either way the file is complete.
+/// Recording stops before the disk has less than min_free_mb, and goes on once it has twice that
+/// and memory_mb more. A write error stops it for good. In both cases the file can be read up to
+/// its last whole frame.
 class RecorderFiles {
  public:
   /// Failure where the folder cannot be written, or the frames are not in plain ADU.
@@ -30,16 +32,16 @@ class RecorderFiles {
   RecorderFiles(const RecorderFiles&) = delete;
   RecorderFiles& operator=(const RecorderFiles&) = delete;
 
-  /// Into the file, a new one where there is none or it is full.
+  /// Writes the frame into the file. Where there is none, or it is full, a new one begins.
   void write(const FrameBuffer& frame) noexcept;
 
-  /// To be called several times a second: lets readers see the frames so far.
+  /// Lets readers see the frames so far, twice a second. Call it more often than that.
   void commit_if_due() noexcept;
 
   /// Completes the file, if there is one.
   void end_file() noexcept;
 
-  /// Any thread. dropped: those that write() could not record.
+  /// Any thread may call this. Its `dropped` counts the frames that write() could not record.
   RecorderCounts counts() const;
 
  private:
@@ -64,10 +66,10 @@ class RecorderFiles {
   std::unique_ptr<GrowingRecording> file_;
   std::chrono::steady_clock::time_point first_received_{};
   std::chrono::steady_clock::time_point next_commit_{};
-  std::chrono::steady_clock::time_point next_look_{};  ///< at the disk, while stopped
-  bool failed_ = false;                                ///< stopped for good
-  std::int64_t given_ = 0;                             ///< frames, to write()
-  std::int64_t in_whole_files_ = 0;                    ///< frames recorded before this file
+  std::chrono::steady_clock::time_point next_look_{};  ///< It looks at the full disk then.
+  bool failed_ = false;                                ///< Recording has stopped for good.
+  std::int64_t given_ = 0;                             ///< It counts the calls of write().
+  std::int64_t in_whole_files_ = 0;  ///< It counts the frames in the files before this one.
 
   std::atomic<std::int64_t> recorded_{0};
   std::atomic<std::int64_t> dropped_{0};

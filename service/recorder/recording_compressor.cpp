@@ -17,7 +17,8 @@ namespace {
 void become_idle() {
   pthread_setname_np(pthread_self(), "compressor");
   const sched_param none{};
-  sched_setscheduler(0, SCHED_IDLE, &none);  // where refused it is only less polite
+  // Where the system refuses this, the thread only takes more time from the others.
+  sched_setscheduler(0, SCHED_IDLE, &none);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// RecordingCompressor: compresses complete recordings while nothing else needs the processor.
+// RecordingCompressor compresses complete recordings while nothing else needs the processor.
 #pragma once
 
 #include <condition_variable>
@@ -14,20 +14,21 @@ namespace curlew {
 
 inline constexpr const char* kCompressedSuffix = ".fz";
 
-/// One idle-priority thread. NAME.fits becomes NAME.fits.fz, which is compared with it pixel for
-/// pixel before NAME.fits is deleted. What goes wrong is logged and leaves NAME.fits.
+/// It has one thread of idle priority. From NAME.fits it makes NAME.fits.fz, compares the two pixel
+/// for pixel, and only then deletes NAME.fits. Where something goes wrong, that is logged and
+/// NAME.fits stays.
 class RecordingCompressor {
  public:
-  /// min_free_bytes: a recording is not compressed where the disk might get to have less.
-  /// log: called from the compressor's thread.
+  /// min_free_bytes: a recording is not compressed where the disk might get to have less than this.
+  /// log: the compressor's thread calls it with one sentence at a time.
   RecordingCompressor(std::int64_t min_free_bytes, std::function<void(const std::string&)> log);
 
-  /// Does not wait for the recordings that are still to be compressed: they stay as they are.
+  /// It does not wait for the recordings that are not compressed yet: they stay as they are.
   ~RecordingCompressor() = default;
   RecordingCompressor(const RecordingCompressor&) = delete;
   RecordingCompressor& operator=(const RecordingCompressor&) = delete;
 
-  /// path: a complete recording. Returns at once.
+  /// Takes the path of a complete recording, and returns at once.
   void add(const std::string& path);
 
  private:
@@ -39,7 +40,7 @@ class RecordingCompressor {
   std::mutex mutex_;
   std::condition_variable_any ready_;
   std::deque<std::string> paths_;
-  std::jthread thread_;  // the last member: it uses the others
+  std::jthread thread_;  // It is the last member, because it uses the others.
 };
 
 }  // namespace curlew

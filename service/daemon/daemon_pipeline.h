@@ -1,0 +1,85 @@
+// DaemonPipeline owns all that works on the daemon's frames: the pipeline, the recorder, the JSON
+// lines, and the configuration and sensor that these are made from.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "centroiding/sensor.h"
+#include "service/config.h"
+#include "service/daemon/daemon_status.h"
+#include "service/live_feed.h"
+#include "service/pipeline.h"
+#include "service/recorder/recorder.h"
+#include "service/results/result_writer.h"
+#include "service/thread_placement.h"
+
+namespace curlew {
+
+/// It outlives the connections to the camera, so that a camera that comes back finds everything
+/// ready. The connecting thread calls prepare() and run(). The supervising thread calls reload()
+/// and adopt_pending_plan(), also during these. Any thread may call config(), trigger() and
+/// refused().
+class DaemonPipeline {
+ public:
+  /// configure: reads the configuration, now and at every reload. Throws what configure throws,
+  /// UsageError where no sensor file is named, and Failure where a file cannot be used.
+  DaemonPipeline(std::function<Config()> configure, DaemonStatus& status);
+
+  Config config() const;
+
+  /// Makes the pipeline and the recorder for frames of this format, or keeps those of the last
+  /// connection where they fit. connections_before: the number of connections before this one. It
+  /// keeps the track numbers of a new pipeline apart from those of earlier ones. Failure or
+  /// UsageError where sensor and configuration do not fit the frames.
+  void prepare(const FrameFormat& format, std::int64_t connections_before);
+
+  /// Takes the feed's frames through the pipeline until the feed ends. Call prepare() before it.
+  void run(LiveFeed& feed);
+
+  /// Reads configuration and sensor file again. Where something is wrong with them, that is logged
+  /// and nothing changes.
+  void reload();
+  /// Gives the running pipeline the plan that a reload has made. Does nothing where there is none,
+  /// or where the pipeline still takes up an earlier plan: call it again and again.
+  void adopt_pending_plan();
+
+  /// Triggers the recorder. Returns false where no recorder waits for a trigger.
+  bool trigger();
+
+  /// Returns one sentence for each CPU or priority that a thread of the pipeline was refused.
+  std::vector<std::string> refused() const { return placement_.refused(); }
+
+  /// Completes the files. Call it when no run() follows. Returns how many results are missing in
+  /// the JSON lines.
+  std::int64_t finish();
+
+  /// Returns the report of all runs together. Call it only while no run() is under way.
+  const RunReport& report() const { return report_; }
+
+ private:
+  std::function<Config()> configure_;
+  DaemonStatus& status_;
+
+  mutable std::mutex mutex_;  // It guards the members down to pending_plan_.
+  Config config_;
+  Sensor sensor_;
+  std::int64_t configurations_ = 0;           ///< It grows with every reload.
+  std::optional<FrameFormat> format_;         ///< The pipeline and the recorder fit this format.
+  std::shared_ptr<const Plan> pending_plan_;  ///< The pipeline has not adopted this plan yet.
+
+  ThreadPlacement placement_;
+  // prepare() changes these two under the mutex. run() uses them without it, because the same
+  // thread calls both.
+  std::unique_ptr<Pipeline> pipeline_;
+  std::unique_ptr<Recorder> recorder_;    ///< It is null where nothing is recorded.
+  std::unique_ptr<ResultWriter> writer_;  ///< It is null where no JSON lines are written.
+  RunReport report_;
+};
+
+}  // namespace curlew
