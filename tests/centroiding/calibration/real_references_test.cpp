@@ -1,4 +1,4 @@
-// The grids of real frames against lists made by eye: tests/centroiding/spots/.
+// The grids of real frames against lists made by eye: tests/centroiding/calibration/spots/.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -25,7 +25,7 @@ struct SeenSpot {
 
 std::vector<SeenSpot> read_list(const std::string& name) {
   const std::string path =
-      std::string(CURLEW_SOURCE_DIR) + "/tests/centroiding/spots/" + name + ".txt";
+      std::string(CURLEW_SOURCE_DIR) + "/tests/centroiding/calibration/spots/" + name + ".txt";
   std::ifstream file(path);
   EXPECT_TRUE(file.is_open()) << path;
   std::vector<SeenSpot> spots;
