@@ -19,7 +19,7 @@ namespace {
 constexpr Range kNotNegative{0.0, 1e9};
 constexpr Range kFraction{0.0, 1.0};
 
-/// The one list of all settings: visits (section, key, value, range) of each.
+/// This is the one list of all settings. It calls visit(section, key, value, range) for each.
 template <typename ConfigType, typename Visitor>
 void visit_config(ConfigType& config, Visitor&& visit) {
   auto& centroid = config.centroid;

@@ -1,4 +1,4 @@
-// Config: everything a user can set, with its default.
+// Config holds everything that a user can set, with its default.
 #pragma once
 
 #include <cstddef>
@@ -17,57 +17,60 @@
 namespace curlew {
 
 enum class Threading {
-  kInline,    ///< all stages on one thread: lowest latency on few cores
-  kPerStage,  ///< one thread a stage, a queue between
+  kInline,    ///< all stages run on one thread, which gives the lowest latency on few cores
+  kPerStage,  ///< each stage has a thread of its own, with a queue between two stages
 };
 
-/// [pipeline]
+/// Section [pipeline].
 struct PipelineOptions {
   Threading threads = Threading::kInline;
-  /// Frames that can be under way at once.
+  /// This many frames can be under way at once.
   std::size_t slots = 8;
-  /// The most vortices reported a frame; more are counted as overflow.
+  /// At most this many vortices are reported in a frame. Those beyond are counted as overflow.
   std::size_t max_vortices = 256;
-  /// Pin the threads to these CPUs, in turn; empty: not pinned.
+  /// The threads are pinned to these CPUs, in turn. If there are none, they are not pinned.
   std::vector<int> cpus;
-  /// Results later than this after the frame was received are misses, counted and marked late;
-  /// 0: no deadline.
+  /// If the results come later than this after the frame was received, the frame is counted and
+  /// marked as late. 0: there is no deadline.
   double deadline_us = 0.0;
 };
 
-/// How vortices are found.
+/// The methods by which vortices are found.
 enum class DetectMethod {
-  kCirculation,  ///< where circulation stands out of the noise
-  kWhitened,     ///< a matched filter on it, weighted by each lenslet's noise and darkness
-  kClassifier,   ///< a trained network looks at the spots
+  kCirculation,  ///< finds circulation that stands out of the noise
+  /// applies a matched filter to the circulation, weighted by each lenslet's noise and darkness
+  kWhitened,
+  kClassifier,  ///< lets a trained network look at the spots
 };
 
-/// [detect]: how vortices are found, and which candidates are reported as vortices.
+/// Section [detect]: how vortices are found, and which candidates are reported as vortices.
 struct DetectSettings : CirculationOptions {
   DetectMethod method = DetectMethod::kCirculation;
-  /// The methods whitened and classifier do not report vortices that are less likely than this.
+  /// The methods whitened and classifier report no vortex that is less probable than this.
   double min_probability = 0.5;
 };
 
-/// [track]
+/// Section [track].
 struct TrackSettings : TrackerOptions {
-  bool enabled = false;  ///< follow vortices from frame to frame, and believe what lasts
+  /// Whether vortices are followed from frame to frame, and tracks that last are believed.
+  bool enabled = false;
 };
 
-/// [split]
+/// Section [split].
 struct SplitSettings : SplitOptions {
-  bool hidden_phase = false;  ///< make the whole phase: least squares and what the vortices add
+  /// Whether the whole phase is made: least squares and what the vortices add.
+  bool hidden_phase = false;
 };
 
-/// [daemon]: what only `curlew run` needs.
+/// Section [daemon]: what only `curlew run` needs.
 struct DaemonOptions {
-  std::string sensor;              ///< sensor file made by `curlew calibrate`
-  std::string jsonl;               ///< one JSON object a frame; empty: none
-  std::string control;             ///< socket for `curlew control`; empty: none
+  std::string sensor;              ///< the sensor file made by `curlew calibrate`
+  std::string jsonl;               ///< the file that gets one JSON object a frame; empty: none
+  std::string control;             ///< the socket for `curlew control`; empty: none
   std::string log_level = "info";  ///< debug, info, warning or error
 };
 
-/// One member for each section of the TOML file, under the section's name.
+/// Config has one member for each section of the TOML file, under the section's name.
 struct Config {
   CentroidOptions centroid;
   SplitSettings split;
@@ -75,26 +78,27 @@ struct Config {
   TrackSettings track;
   PipelineOptions pipeline;
   DaemonOptions daemon;
-  CameraOptions camera;  ///< [camera], and [usb] in camera.usb
+  CameraOptions camera;  ///< sections [camera], and [usb] in camera.usb
   RealtimeOptions realtime;
   RecorderOptions recorder;
 };
 
-/// Reads a TOML file over the defaults. UsageError: missing file, bad syntax, an unknown key (with
-/// its line), a value of the wrong type or out of range.
+/// Reads a TOML file over the defaults. Throws UsageError if the file is missing, its syntax is
+/// bad, a key is unknown (the error names the line), or a value has the wrong type or is out of
+/// range.
 Config read_config(const std::string& path);
 
-/// All values in TOML, as read_config takes them: what a run really used.
+/// Returns the values of all settings as TOML that read_config accepts: what a run really used.
 std::string config_text(const Config& config);
 
-/// The sections in which they differ.
+/// Returns the names of the sections in which the two configurations differ.
 std::set<std::string> changed_sections(const Config& a, const Config& b);
 
-/// 64-bit FNV-1a of config_text, in hexadecimal.
+/// Returns the 64-bit FNV-1a hash of config_text, in hexadecimal.
 std::string config_hash(const Config& config);
 
-/// The setting a word of the configuration stands for, for Threading and DetectMethod; UsageError
-/// names `where` otherwise.
+/// Returns the setting that a word of the configuration stands for. It exists for Threading and
+/// DetectMethod. Throws UsageError, which names `where`, if no setting has this word.
 template <typename Enum>
 Enum setting_from(const std::string& word, const std::string& where);
 

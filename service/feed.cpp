@@ -21,7 +21,8 @@ bool RecordedFeed::fill(FrameSlot& slot) {
   if (options_.pace_hz > 0.0) {
     std::this_thread::sleep_until(next_);
     slot.frame->header.received = Clock::now();
-    // From now and not from when it was due: after a stall no frames come in a burst.
+    // The next frame is due one period from now, not one period after this one was due. So frames
+    // do not come in a burst after a stall.
     next_ =
         slot.frame->header.received + std::chrono::duration_cast<Clock::duration>(
                                           std::chrono::duration<double>(1.0 / options_.pace_hz));

@@ -1,5 +1,5 @@
-// Feed: where the pipeline's frames come from. A recording waits for the pipeline, a camera does
-// not (service/live_feed.h).
+// Feed: where the pipeline's frames come from. A recording waits for the pipeline; a camera
+// (service/live_feed.h) does not.
 #pragma once
 
 #include <chrono>
@@ -16,19 +16,22 @@ class Feed {
  public:
   virtual ~Feed() = default;
 
-  /// Waits for the next frame and lends it to the slot, with its index; false at the end.
+  /// Waits for the next frame, lends it to the slot and sets its index. Returns false at the end.
   virtual bool fill(FrameSlot& slot) = 0;
 
-  /// The slot's frame is published and no longer needed. Called from the publisher's thread.
+  /// Takes the slot's frame back, which is published and no longer needed. The publisher's thread
+  /// calls it.
   virtual void release(FrameSlot& slot) noexcept = 0;
 };
 
 struct RunOptions {
-  double pace_hz = 0.0;  ///< deliver frames no faster than this; 0: as fast as they can be taken
-  std::int64_t max_frames = -1;  ///< stop after so many; −1: at the source's end
+  /// Frames are delivered no faster than this; 0: as fast as they can be taken.
+  double pace_hz = 0.0;
+  /// The feed stops after so many frames; −1: at the end of the source.
+  std::int64_t max_frames = -1;
 };
 
-/// Every frame of a source, none dropped. Ends at SIGINT and SIGTERM too.
+/// Delivers every frame of a source and drops none. It also ends at SIGINT and SIGTERM.
 class RecordedFeed final : public Feed {
  public:
   RecordedFeed(FrameSource& source, const RunOptions& options);
@@ -39,7 +42,7 @@ class RecordedFeed final : public Feed {
  private:
   FrameSource& source_;
   RunOptions options_;
-  std::vector<std::unique_ptr<FrameBuffer>> buffers_;  ///< one a slot
+  std::vector<std::unique_ptr<FrameBuffer>> buffers_;  ///< one for each slot
   std::chrono::steady_clock::time_point next_;
   std::int64_t delivered_ = 0;
 };

@@ -6,7 +6,8 @@ namespace curlew {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-constexpr std::int64_t kLookUpUs = 50'000;  // how long a stop may go unseen where no frames come
+// A stop is noticed after this time at the latest, if no frames come.
+constexpr std::int64_t kLookUpUs = 50'000;
 
 }  // namespace
 

@@ -1,4 +1,4 @@
-// LiveFeed: the newest frame a camera has delivered.
+// LiveFeed gives the newest frame that a camera has delivered.
 #pragma once
 
 #include <atomic>
@@ -11,14 +11,15 @@
 
 namespace curlew {
 
-/// What the feed and the thread that watches it share.
+/// The feed and the thread that watches it share this.
 struct FeedControl {
   std::atomic<bool> stop{false};
-  std::atomic<std::int64_t> signs_of_life{0};  ///< grows while the feed is well, frames or not
+  /// Grows while the feed runs, also if no frames come.
+  std::atomic<std::int64_t> signs_of_life{0};
 };
 
-/// Takes frames from the exchange until it is closed, a limit is reached, a stop is asked for, or
-/// no frame has come for too long.
+/// Takes frames from the exchange until the exchange is closed, a limit is reached, a stop is asked
+/// for, or no frame has come for too long.
 class LiveFeed final : public Feed {
  public:
   struct Limits {
@@ -29,9 +30,9 @@ class LiveFeed final : public Feed {
   };
   enum class End {
     kStopped,   ///< `stop` was set
-    kLimit,     ///< the frames or the time asked for are over
-    kClosed,    ///< by the camera
-    kTimedOut,  ///< no frame for timeout_s
+    kLimit,     ///< the frames or the time that were asked for are over
+    kClosed,    ///< the camera closed the exchange
+    kTimedOut,  ///< no frame came for timeout_s
   };
 
   LiveFeed(FrameExchange& exchange, const Limits& limits, FeedControl& control);
@@ -39,9 +40,9 @@ class LiveFeed final : public Feed {
   bool fill(FrameSlot& slot) override;
   void release(FrameSlot& slot) noexcept override;
 
-  /// Why it ended; once the run is over.
+  /// Returns why the feed ended. It is known once the run is over.
   End end() const { return end_; }
-  /// The index the next frame would have had.
+  /// Returns the index that the next frame would have had.
   std::int64_t next_index() const { return next_index_; }
 
  private:

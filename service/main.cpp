@@ -25,7 +25,7 @@ int complain(const std::exception& error, int exit_code) {
   return exit_code;
 }
 
-/// Runs the command that the arguments name; --help and --version only print.
+/// Runs the command that the arguments name. --help and --version only print.
 int run(int argc, char** argv) {
   CLI::App app{"Curlew: wavefronts and optical vortices from a Shack-Hartmann sensor", "curlew"};
   app.set_version_flag("--version", curlew::kProgram);
@@ -50,7 +50,7 @@ int run(int argc, char** argv) {
     return 0;
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() != 0) throw;
-    return app.exit(error);  // --help, --version
+    return app.exit(error);  // it was --help or --version
   }
 }
 

@@ -16,7 +16,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Queue = SlotQueue<FrameSlot>;
 
-constexpr std::int64_t kMaxSets = 1024;  // of a pipeline: a new one a reload
+constexpr std::int64_t kMaxSets = 1024;  // of one pipeline, which makes a set at each reload
 
 }  // namespace
 
@@ -44,7 +44,8 @@ Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
 }
 
 std::unique_ptr<Pipeline::SlotSet> Pipeline::make_slots(std::shared_ptr<const Plan> plan) {
-  constexpr int kTracksOfASet = 40;  // bits: track numbers are never given again
+  // Each set has 2^40 track numbers of its own, so none is given twice.
+  constexpr int kTracksOfASet = 40;
   auto set = std::make_unique<SlotSet>();
   if (plan->tracker) {
     set->tracker = std::make_unique<VortexTracker>(*plan->tracker, plan->grid.rows, plan->grid.cols,
@@ -61,13 +62,14 @@ std::unique_ptr<Pipeline::SlotSet> Pipeline::make_slots(std::shared_ptr<const Pl
 
 bool Pipeline::adopt(std::shared_ptr<const Plan> plan) {
   if (pending_.load(std::memory_order_acquire) != nullptr) return false;
-  if (sets_.size() > 1) sets_.erase(sets_.begin());  // the one before; no slot of it is in use
+  // The set before the current one; none of its slots is in use.
+  if (sets_.size() > 1) sets_.erase(sets_.begin());
   sets_.push_back(make_slots(std::move(plan)));
   pending_.store(sets_.back().get(), std::memory_order_release);
   return true;
 }
 
-/// Between runs a pending plan is taken up at once, and no slot holds a frame.
+/// Takes up a pending plan at once, because between runs no slot is in use, and clears all slots.
 void Pipeline::start_sets() {
   if (SlotSet* next = pending_.load(std::memory_order_acquire)) {
     current_ = next;
@@ -77,7 +79,7 @@ void Pipeline::start_sets() {
   current_->in_use = current_->slots.size();
 }
 
-/// The slot itself, or, where a new plan is there, a slot of that plan with the same frame.
+/// Returns the slot itself or, if a new plan is pending, a slot of that plan with the same frame.
 FrameSlot* Pipeline::renewed(FrameSlot* slot) noexcept {
   SlotSet* next = pending_.load(std::memory_order_acquire);
   if (next == nullptr || slot->plan == next->plan.get()) return slot;
@@ -130,16 +132,17 @@ void Pipeline::run_inline(Feed& feed, const Publisher& publisher) {
   }
 }
 
-/// This thread feeds; one thread a stage works; the last publishes and gives the slot back.
+/// This thread feeds. Each stage has a thread, and one more publishes and gives the slot back.
 void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
   const std::size_t slots = current_->slots.size();
   Queue free(slots);
-  std::vector<std::unique_ptr<Queue>> to_stage;  // the last one leads to the publisher
+  // Queue i feeds stage i, and the last one the publisher.
+  std::vector<std::unique_ptr<Queue>> to_stage;
   for (std::size_t i = 0; i <= kStageCount; ++i) to_stage.push_back(std::make_unique<Queue>(slots));
   for (auto& slot : current_->slots) free.push(slot.get());
 
   std::atomic<bool> failed{false};
-  std::exception_ptr failure;  // of the publisher; read after its thread is joined
+  std::exception_ptr failure;  // thrown by the publisher; read after its thread is joined
   const auto work = [&](std::size_t stage) {
     thread_start_(kStages[stage].name, stage);
     FrameSlot* slot = nullptr;
@@ -164,7 +167,7 @@ void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
     }
   };
 
-  std::exception_ptr feed_failure;  // of the source, or of starting a thread
+  std::exception_ptr feed_failure;  // thrown by the source, or by the start of a thread
   std::vector<std::thread> threads;
   try {
     for (std::size_t stage = 0; stage < kStageCount; ++stage) threads.emplace_back(work, stage);
@@ -174,7 +177,7 @@ void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
   } catch (...) {
     feed_failure = std::current_exception();
   }
-  to_stage[0]->close();  // and each stage closes the next
+  to_stage[0]->close();  // each stage then closes the queue of the next
   for (std::thread& thread : threads) thread.join();
   if (failure) std::rethrow_exception(failure);
   if (feed_failure) std::rethrow_exception(feed_failure);
@@ -192,7 +195,8 @@ void Pipeline::publish(FrameSlot& slot, const Publisher& publisher) {
   report_.not_converged += slot.split.converged ? 0 : 1;
   report_.late += is_late(slot) ? 1 : 0;
   if (last_sequence_ && !header.renumbered && header.sequence > *last_sequence_) {
-    // Unsigned, because a file may hold any numbers; and no camera loses 2^40 frames.
+    // The difference is unsigned because a file may hold any numbers. It is capped because no
+    // camera loses 2^40 frames.
     const std::uint64_t gap = static_cast<std::uint64_t>(header.sequence) -
                               static_cast<std::uint64_t>(*last_sequence_) - 1;
     report_.dropped += static_cast<std::int64_t>(std::min(gap, std::uint64_t{1} << 40));

@@ -1,4 +1,4 @@
-// Pipeline: takes frames from a feed through the stages to a publisher.
+// Pipeline takes frames from a feed through the stages to a publisher.
 #pragma once
 
 #include <atomic>
@@ -15,11 +15,11 @@
 
 namespace curlew {
 
-/// Latency percentiles of a run, and what was counted on the way.
+/// The latencies of a run, and what was counted on the way.
 struct RunReport {
   std::int64_t frames = 0;
   std::int64_t vortices = 0;
-  std::int64_t overflow = 0;       ///< vortices beyond the list's capacity
+  std::int64_t overflow = 0;       ///< vortices that found no room in the list
   std::int64_t dropped = 0;        ///< frames missing in the numbering of those that came
   std::int64_t late = 0;           ///< frames whose results missed the deadline
   std::int64_t not_converged = 0;  ///< frames whose split stopped at its iteration limit
@@ -31,38 +31,41 @@ struct RunReport {
   void merge(const RunReport& other);
 };
 
-/// What to do with finished frames. Called in the order of the frames, from one thread.
+/// What is done with finished frames. The calls come in the order of the frames, from one thread.
 struct Publisher {
   std::function<void(const FrameSlot&)> publish;
-  /// After publish, when the latency of the frame is complete; with the frames lost so far.
+  /// This is called after publish, when the frame's latency is complete, with the number of frames
+  /// lost so far.
   std::function<void(const FrameSlot&, std::int64_t dropped)> finish;
 };
 
-/// Called first in each thread of the pipeline, with its number from 0: pinning, priority.
+/// Each thread of the pipeline calls this first, with its number from 0. It sets CPU and priority.
 using PipelineThreadStart = std::function<void(const std::string& name, std::size_t number)>;
 
 class Pipeline {
  public:
-  /// earlier: pipelines before this one whose tracks must keep their numbers to themselves.
+  /// earlier: how many pipelines came before this one. Their track numbers are not given again.
   Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
            PipelineThreadStart thread_start = {}, std::int64_t earlier = 0);
 
-  /// Runs until the feed ends. What the feed or the publisher throws ends the run and is thrown
-  /// on, once all threads are joined.
+  /// Runs until the feed ends. If the feed or the publisher throws, the run ends, and the exception
+  /// is thrown on once all threads are joined.
   RunReport run(Feed& feed, const Publisher& publisher);
 
-  /// Any one other thread, also while it runs: the frames fed from now on are worked on by this
-  /// plan, and none is lost. Makes the buffers; the run swaps pointers. False while an earlier plan
-  /// is still being taken up, which needs a frame a slot: try again later.
+  /// Makes the slots for a new plan; frames that are fed from now on are worked on by this plan,
+  /// and no frame is lost. Any one other thread may call it during a run, which only swaps
+  /// pointers. Returns false while an earlier plan is still being taken up, which takes one frame
+  /// for each slot. Then try again later.
   bool adopt(std::shared_ptr<const Plan> plan);
 
  private:
   /// A plan and the slots made for it.
   struct SlotSet {
     std::shared_ptr<const Plan> plan;
-    std::unique_ptr<VortexTracker> tracker;  ///< none: the plan does not track
+    std::unique_ptr<VortexTracker> tracker;  ///< null if the plan does not track
     std::vector<std::unique_ptr<FrameSlot>> slots;
-    std::size_t in_use = 0;  ///< of the slots, the first ones; the feeding thread's
+    /// How many slots, from the first, are in use; only the feeding thread touches it.
+    std::size_t in_use = 0;
   };
 
   std::unique_ptr<SlotSet> make_slots(std::shared_ptr<const Plan> plan);
@@ -76,10 +79,10 @@ class Pipeline {
 
   PipelineOptions options_;
   PipelineThreadStart thread_start_;
-  std::vector<std::unique_ptr<SlotSet>> sets_;  ///< touched by adopt() only, once made
-  std::int64_t sets_made_;                      ///< likewise, those of earlier pipelines too
-  SlotSet* current_ = nullptr;                  ///< the run's
-  std::atomic<SlotSet*> pending_{nullptr};      ///< what is being taken up
+  std::vector<std::unique_ptr<SlotSet>> sets_;  ///< only adopt() touches it after construction
+  std::int64_t sets_made_;                      ///< only adopt() touches it after construction
+  SlotSet* current_ = nullptr;                  ///< the set of the run
+  std::atomic<SlotSet*> pending_{nullptr};      ///< the set that is being taken up
   RunReport report_;
   std::optional<std::int64_t> last_sequence_;
 };

@@ -1,4 +1,4 @@
-// The words that settings of an enumeration take in the configuration.
+// The words by which the configuration names the values of enumerations.
 #pragma once
 
 #include <array>
@@ -9,7 +9,7 @@
 
 namespace curlew {
 
-/// The words a setting of an enumeration takes.
+/// A word of the configuration and the value that it stands for.
 template <typename Enum>
 struct Word {
   std::string_view text;

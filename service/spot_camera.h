@@ -1,4 +1,4 @@
-// The sensor as the vortex classifier needs to know it.
+// What the classifier needs to know about the sensor.
 #pragma once
 
 #include "centroiding/sensor.h"

@@ -20,7 +20,7 @@ void detect(const Plan& plan, FrameSlot& slot) noexcept {
                     slot.detect_workspace, slot.circulation, slot.candidates);
 }
 
-/// The camera's clock, else ours, else a second a frame.
+/// Returns the time by the camera's clock, else the time of receipt, else one second a frame.
 double time_s(const FrameHeader& header) noexcept {
   if (header.camera_ns != 0) return 1e-9 * static_cast<double>(header.camera_ns);
   if (header.received_ns != 0) return 1e-9 * static_cast<double>(header.received_ns);
@@ -49,7 +49,7 @@ void hidden(const Plan& plan, FrameSlot& slot) noexcept {
 
 }  // namespace
 
-// Detection comes before the split: it needs only the slopes, and the split takes longest.
+// Detection comes before the split, because it needs only the slopes and the split takes longest.
 const std::array<Stage, kStageCount> kStages = {{
     {"centroid", centroid},
     {"slopes", slopes},
@@ -65,13 +65,15 @@ Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config
       slopes(sensor),
       detect(sensor, format, config),
       split(sensor.valid, config.split) {
-  // Its tables go with the square of this; what is more is not judged, and the surest come first.
+  // The tables for choosing vortices grow with the square of the number of candidates. Candidates
+  // beyond this number are not judged; the most probable ones come first.
   constexpr std::size_t kMaxJudged = 1024;
   if (config.split.hidden_phase)
     hidden_phase.emplace(split, HiddenPhaseOptions{},
                          std::min(detect.candidate_capacity(), kMaxJudged));
   if (!config.track.enabled) return;
-  // The options are checked where a plan is made: where it is taken up it is too late to refuse.
+  // The options are checked here, where an exception can still refuse the plan. The tracker itself
+  // is made later, when it is too late to refuse.
   check_tracker_options(config.track);
   tracker = config.track;
 }

@@ -1,4 +1,5 @@
-// Stages: the way of a frame, in one table. Live, replay, tests and benchmarks all run this.
+// Stages: the steps that each frame passes, in one table. Live, replay, tests and benchmarks all
+// run this table.
 #pragma once
 
 #include <array>
@@ -20,14 +21,15 @@
 
 namespace curlew {
 
-/// All that follows from the sensor, the frames' format and the configuration. Const and shared.
+/// All that follows from the sensor, the format of the frames and the configuration. It is const
+/// after construction and shared.
 struct Plan {
   Plan(const Sensor& sensor, const FrameFormat& format, const Config& config);
   Plan(const Plan&) = delete;
   Plan& operator=(const Plan&) = delete;
 
   LensletGrid grid;
-  std::optional<TrackerOptions> tracker;  ///< none: every frame stands alone
+  std::optional<TrackerOptions> tracker;  ///< none: every frame is judged alone
   CentroidPlan centroid;
   SlopePlan slopes;
   VortexDetectionPlan detect;
@@ -37,41 +39,41 @@ struct Plan {
 
 inline constexpr std::size_t kStageCount = 6;
 
-/// How long a frame took, in ns: one figure a stage, in the order of kStages.
+/// How long a frame took, in ns, with one figure for each stage in the order of kStages.
 struct FrameLatency {
   std::array<std::int64_t, kStageCount> stage_ns{};
   std::int64_t publish_ns = 0;
-  std::int64_t total_ns = 0;  ///< received → all results ready to publish
+  std::int64_t total_ns = 0;  ///< from received until all results are ready to be published
 };
 
-/// Every buffer of one frame's results, made once. The frame itself is lent by the feed.
+/// Every buffer of one frame's results, made once. The feed lends the frame itself.
 struct FrameSlot {
-  /// frames_tracker: of all slots of the plan, where it tracks; only the stage that tracks, which
-  /// takes frames in their order, touches it.
+  /// frames_tracker: the tracker that all slots of the plan share; null: the plan does not track.
+  /// Only the tracking stage touches it, and that takes frames in their order.
   explicit FrameSlot(const Plan& plan_of_slot, VortexTracker* frames_tracker = nullptr);
 
-  const Plan* plan;              ///< what the frame is worked on by
-  VortexTracker* tracker;        ///< none: every frame stands alone
-  std::int64_t frame_index = 0;  ///< counts from 0 over all that the feed gives
+  const Plan* plan;              ///< the plan by which the frame is worked on
+  VortexTracker* tracker;        ///< null: every frame is judged alone
+  std::int64_t frame_index = 0;  ///< counts from 0 over all frames that the feed gives
   FrameBuffer* frame = nullptr;
   Centroids centroids;
   SlopeField slopes;
-  SlopeField weak_slopes;  ///< those too that are too noisy to be split
+  SlopeField weak_slopes;  ///< includes the slopes of weak spots, which the split does not use
   VortexDetectionWorkspace detect_workspace;
-  CirculationMap circulation;  ///< of weak_slopes
+  CirculationMap circulation;  ///< made of weak_slopes
   VortexList candidates;
-  VortexList tracked;  ///< empty where nothing is tracked
+  VortexList tracked;  ///< empty if nothing is tracked
   VortexList vortices;
   SplitWorkspace split_workspace;
   HodgeSplit split;
   std::optional<HiddenPhaseWorkspace> hidden_phase_workspace;
-  Image<float> whole_phase;  ///< rad; empty where the plan does not ask for it
+  Image<float> whole_phase;  ///< in rad; empty if the plan does not ask for it
   FrameLatency latency;
 };
 
 struct Stage {
-  const char* name;  ///< as in the reports and, in capitals, in the LATENCY table
-  void (*run)(const Plan&, FrameSlot&) noexcept;  ///< the plan is the slot's
+  const char* name;  ///< stands in reports and, in capitals, in the LATENCY table
+  void (*run)(const Plan&, FrameSlot&) noexcept;  ///< takes the plan of the slot
 };
 
 extern const std::array<Stage, kStageCount> kStages;

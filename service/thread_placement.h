@@ -1,4 +1,4 @@
-// ThreadPlacement: which CPUs and what priority the pipeline's threads get, and what was refused.
+// ThreadPlacement gives CPUs and a priority to the pipeline's threads, and keeps what was refused.
 #pragma once
 
 #include <cstddef>
@@ -12,16 +12,16 @@ namespace curlew {
 
 class ThreadPlacement {
  public:
-  /// cpus: given to the threads in turn; empty: any. priority: SCHED_FIFO, 0: ordinary.
+  /// cpus: given to the threads in turn; empty: any. priority: of SCHED_FIFO; 0: ordinary.
   ThreadPlacement(std::vector<int> cpus, int priority);
 
-  /// For the pipeline. This object must outlive it.
+  /// Returns what the pipeline calls in each thread. This object must outlive the pipeline.
   PipelineThreadStart thread_start();
 
-  /// One sentence for each thing that was refused.
+  /// Returns one sentence for each thing that was refused.
   std::vector<std::string> refused() const;
 
-  /// "none", "cpu 0 1", or that the system refused.
+  /// Returns "none", "cpu 0 1", or that the system refused.
   std::string description() const;
 
  private:

@@ -1,4 +1,4 @@
-// Settings read from TOML and written as TOML, one at a time: (section, key, value, range).
+// Reads settings from TOML and writes them as TOML, one at a time: (section, key, value, range).
 #pragma once
 
 #include <toml++/toml.h>
@@ -19,21 +19,21 @@
 
 namespace curlew {
 
-/// What a number may be.
+/// The range in which a number must lie.
 struct Range {
   double low;
   double high;
 };
 
-/// With all digits that it takes to read the same number back.
+/// Returns a stream that writes all digits needed to read the same number back.
 inline std::ostringstream full_precision() {
   std::ostringstream text;
   text.precision(std::numeric_limits<double>::max_digits10);
   return text;
 }
 
-/// Visits every setting with the table of a file, then refuses what no setting took.
-/// Throws UsageError that names file, line and key.
+/// Visits every setting with the table of a file, and then refuses keys that no setting has. Throws
+/// UsageError, which names file, line and key.
 class TomlReader {
  public:
   TomlReader(const std::string& path, toml::table& table) : path_(path), table_(table) {}
@@ -131,8 +131,8 @@ class TomlReader {
     }
     refuse(node, key, "one of " + known);
   }
-  /// A table of names and texts, numbers or truth values, kept as the texts a camera takes, and in
-  /// the file's order: a selector comes before what it selects.
+  /// Reads a table of names and texts, numbers or truth values. They are kept as the texts that a
+  /// camera takes, and in the file's order, because a selector must come before what it selects.
   void read(const toml::node& node, const std::string& key,
             std::vector<std::pair<std::string, std::string>>& value, Range) const {
     if (!node.is_table()) refuse(node, key, "a table of names and values");
@@ -169,7 +169,7 @@ class TomlReader {
   std::set<std::string> sections_;
 };
 
-/// Visits every setting, and then has the text of a file.
+/// Visits every setting, and then holds the text of a file.
 class TomlWriter {
  public:
   template <typename T>

@@ -12,10 +12,10 @@
 namespace curlew {
 namespace {
 
-/// What tracks and the hidden phase want to know of.
+/// Tracks and the hidden phase take candidates down to this probability.
 constexpr double kCandidateProbability = 0.02;
 
-/// The network knows spots along the detector's axes, as it was taught.
+/// Refuses a turned grid, because the network was trained on spots along the detector's axes.
 void check_rotation(const Sensor& sensor) {
   constexpr double kMaxRotation_deg = 5.0;
   if (std::abs(sensor.grid.rotation_deg()) <= kMaxRotation_deg) return;
@@ -25,9 +25,10 @@ void check_rotation(const Sensor& sensor) {
       sensor.grid.rotation_deg(), kMaxRotation_deg));
 }
 
-/// It was taught sharp spots, and takes blurred ones for vortices.
+/// Refuses blurred spots, because the network was trained on sharp ones and takes blurred ones for
+/// vortices.
 void check_sharpness(const Sensor& sensor, double pixels_per_lambda_w) {
-  constexpr double kMaxBlur = 0.3;  // of λ/w
+  constexpr double kMaxBlur = 0.3;  // in units of λ/w
   const double blur = sensor.spot_blur_px / pixels_per_lambda_w;
   if (!(blur > kMaxBlur)) return;
   throw UsageError(fmt::format(

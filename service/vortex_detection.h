@@ -1,4 +1,4 @@
-// Vortex detection by the method of the configuration: one plan, one workspace, one call.
+// Vortex detection by the configured method: one plan, one workspace, one call.
 #pragma once
 
 #include <cstddef>
@@ -16,20 +16,20 @@
 
 namespace curlew {
 
-/// Const after construction, shared by threads.
+/// It is const after construction and shared by threads.
 class VortexDetectionPlan {
  public:
-  /// Throws as the method's own plan does, and UsageError where the method does not suit the
+  /// Throws what the plan of the method throws, and UsageError if the method does not suit the
   /// sensor.
   VortexDetectionPlan(const Sensor& sensor, const FrameFormat& format, const Config& config);
 
-  /// Candidates that are less likely than this are not reported as vortices.
+  /// Candidates that are less probable than this are not reported as vortices.
   double min_probability() const { return min_probability_; }
   const CirculationPlan& circulation() const { return circulation_; }
   const std::optional<WhitenedPlan>& whitened() const { return whitened_; }
   const std::optional<ClassifierPlan>& classifier() const { return classifier_; }
-  /// The most vortices a frame can have, and the most candidates: tracks and the hidden phase want
-  /// to know unlikely ones too.
+  /// capacity() is the most vortices a frame can have. There can be more candidates, because tracks
+  /// and the hidden phase take improbable ones too.
   std::size_t capacity() const { return circulation_.capacity(); }
   std::size_t candidate_capacity() const { return candidate_capacity_; }
 
@@ -41,7 +41,7 @@ class VortexDetectionPlan {
   std::optional<ClassifierPlan> classifier_;
 };
 
-/// Buffers of one frame, made once.
+/// The buffers of one frame, made once.
 struct VortexDetectionWorkspace {
   explicit VortexDetectionWorkspace(const VortexDetectionPlan& plan);
 
@@ -49,13 +49,13 @@ struct VortexDetectionWorkspace {
   std::optional<ClassifierWorkspace> classifier;
 };
 
-/// Candidates of one frame; `circulation` and `candidates` are filled anew. Never allocates.
-/// slopes: weak ones too (measure_weak_slopes).
+/// Finds the candidates of one frame and fills `circulation` and `candidates` anew. Never
+/// allocates. slopes: must include weak ones (measure_weak_slopes).
 void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const Centroids& centroids,
                        const SlopeField& slopes, VortexDetectionWorkspace& workspace,
                        CirculationMap& circulation, VortexList& candidates) noexcept;
 
-/// Those candidates that are likely enough to be vortices, for who does not track.
+/// Chooses the candidates that are probable enough to be reported, where nothing is tracked.
 void choose_probable(const VortexDetectionPlan& plan, const VortexList& candidates,
                      VortexList& vortices) noexcept;
 

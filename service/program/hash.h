@@ -1,4 +1,5 @@
-// 64-bit FNV-1a (G. Fowler, L. C. Noll, K.-P. Vo): names of cached files, the configuration's hash.
+// 64-bit FNV-1a (G. Fowler, L. C. Noll, K.-P. Vo), for the names of cached files and the hash of
+// the configuration.
 #pragma once
 
 #include <cstdint>

@@ -6,7 +6,7 @@
 namespace curlew {
 namespace {
 
-// Lock-free, so that a handler may set them and any thread may look.
+// These are lock-free, so that a signal handler may set them while any thread looks at them.
 std::atomic<bool> end_requested{false};
 std::atomic<bool> reload_requested{false};
 std::atomic<bool> trigger_requested{false};

@@ -1,18 +1,20 @@
-// Interrupt: signals, as flags that loops look at.
+// Signals as flags that loops look at.
 #pragma once
 
 namespace curlew {
 
-/// From now on SIGINT and SIGTERM only set a flag, and a closed pipe is an error like others.
+/// From now on SIGINT and SIGTERM only set a flag, and writing to a closed pipe is an error like
+/// any other.
 void catch_signals();
 
-/// And so do SIGHUP, which asks the daemon to reload, and SIGUSR1, which triggers its recorder.
+/// From now on SIGHUP, which asks the daemon to reload, and SIGUSR1, which triggers its recorder,
+/// only set a flag too.
 void catch_daemon_signals();
 
-/// Whether SIGINT or SIGTERM came: the run shall end in an orderly way, with its files complete.
+/// Returns whether SIGINT or SIGTERM came. Then the run shall end in order, with complete files.
 bool interrupted() noexcept;
 
-/// Whether SIGHUP, or SIGUSR1, came since the last call.
+/// These return whether SIGHUP (reload) or SIGUSR1 (trigger) came since the last call.
 bool take_reload_request() noexcept;
 bool take_trigger_request() noexcept;
 

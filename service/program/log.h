@@ -1,15 +1,15 @@
-// Log: spdlog's default logger, asynchronous, so that nobody ever waits for it.
+// Log: spdlog's default logger, which is asynchronous, so that no caller waits for it.
 #pragma once
 
 #include <string>
 
 namespace curlew {
 
-/// While it lives spdlog::info() and the like go to standard error from a thread of their own.
-/// Where that thread cannot follow, the oldest lines are lost, never the caller's time.
+/// While it lives, spdlog::info() and its siblings write to standard error from a thread of their
+/// own. If that thread cannot follow, the oldest lines are lost, and the caller never waits.
 class Log {
  public:
-  /// level: debug, info, warning or error; UsageError otherwise.
+  /// level: debug, info, warning or error. Throws UsageError for any other word.
   explicit Log(const std::string& level);
   ~Log();
   Log(const Log&) = delete;

@@ -1,4 +1,4 @@
-// Output files and the inputs they must spare.
+// Protects the inputs of a run from being overwritten by its outputs.
 #pragma once
 
 #include <string>
@@ -6,7 +6,7 @@
 
 namespace curlew {
 
-/// UsageError where `output` is one of the inputs, by whatever path. An empty output is none.
+/// Throws UsageError if `output` is one of the inputs, by whatever path. An empty output is none.
 void refuse_overwriting(const std::string& output, const std::vector<std::string>& inputs);
 
 }  // namespace curlew

@@ -1,4 +1,4 @@
-// The same work for many indices, on several threads.
+// Does the same work for many indices on several threads.
 #pragma once
 
 #include <atomic>
@@ -9,8 +9,8 @@
 
 namespace curlew {
 
-/// Calls work(index, thread) for every index in [0, n), each once, in no order; thread in
-/// [0, threads). Ends early, and throws what was thrown first, when a call throws.
+/// Calls work(index, thread) once for every index in [0, n), in no particular order; thread is in
+/// [0, threads). If a call throws, it ends early and throws what was thrown first.
 template <typename Work>
 void for_each_in_parallel(int n, int threads, Work work) {
   std::atomic<int> next{0};

@@ -1,4 +1,4 @@
-// Progress: a line on the terminal while long work goes on; nothing where there is no terminal.
+// Progress shows a line on the terminal during long work. It shows nothing without a terminal.
 #pragma once
 
 #include <unistd.h>
@@ -13,7 +13,7 @@ namespace curlew {
 
 class Progress {
  public:
-  /// total: how many steps there will be, −1 unknown.
+  /// total: how many steps there will be; −1: unknown.
   Progress(std::string what, std::int64_t total)
       : what_(std::move(what)), total_(total), terminal_(isatty(STDERR_FILENO) == 1) {}
   ~Progress() {

@@ -1,4 +1,4 @@
-// CPU lists as the kernel writes them: "0-3,8".
+// Lists of CPUs in the kernel's notation: "0-3,8".
 #pragma once
 
 #include <string>
@@ -6,10 +6,11 @@
 
 namespace curlew {
 
-/// Ascending and without repetition; nothing where the text is empty or no CPU list.
+/// Returns the CPUs, ascending and without repetition, or none if the text is empty or is no list
+/// of CPUs.
 std::vector<int> cpus_from(const std::string& text);
 
-/// The shortest text for these CPUs.
+/// Returns the shortest text for these CPUs.
 std::string cpu_text(std::vector<int> cpus);
 
 }  // namespace curlew

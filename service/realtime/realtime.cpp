@@ -21,7 +21,7 @@
 #include "service/realtime/cpu_list.h"
 
 #ifndef MADV_COLLAPSE
-#define MADV_COLLAPSE 25  // Linux 6.1; glibc 2.36 does not name it yet
+#define MADV_COLLAPSE 25  // since Linux 6.1; glibc 2.36 does not name it yet
 #endif
 
 namespace curlew {
@@ -35,7 +35,7 @@ constexpr int kCapSysNice = 23;
 
 std::string reason(int error) { return std::strerror(error); }  // NOLINT(concurrency-mt-unsafe)
 
-/// The number behind "name:" in a file of /proc; nothing where there is no such line.
+/// Returns the number behind "name:" in a file of /proc, or nothing if there is no such line.
 std::optional<std::uint64_t> field_of(const char* file, const std::string& name, int base = 10) {
   std::ifstream lines(file);
   for (std::string line; std::getline(lines, line);)
@@ -49,7 +49,7 @@ bool has_capability(int capability) {
   return effective && ((*effective >> capability) & 1U) != 0;
 }
 
-/// The soft limit, after it was raised as far as the hard limit lets everybody.
+/// Raises the soft limit to the hard limit, which needs no rights, and returns it.
 rlim_t raised_limit(__rlimit_resource resource) {
   rlimit limit{};
   if (getrlimit(resource, &limit) != 0) return 0;
@@ -71,7 +71,7 @@ std::vector<int> cpus_of_thread() {
   return cpus;
 }
 
-/// Nothing where the thread is now bound to exactly these CPUs.
+/// Binds the thread to exactly these CPUs. Returns a sentence if that was refused.
 std::optional<std::string> pin(const std::string& name, const std::vector<int>& cpus) {
   const std::string before = cpu_text(cpus_of_thread());
   const std::string wanted = cpu_text(cpus);
@@ -91,7 +91,8 @@ std::optional<std::string> pin(const std::string& name, const std::vector<int>& 
       name, wanted, got, before);
 }
 
-/// What real-time threads may use of a period, usually a second; 0 refuses them all.
+/// Returns a note on the time that real-time threads may use of each period, which is usually a
+/// second. A time of 0 refuses them all.
 std::string throttling() {
   std::ifstream file("/proc/sys/kernel/sched_rt_runtime_us");
   std::int64_t runtime_us = 0;
@@ -99,7 +100,7 @@ std::string throttling() {
   return fmt::format("; kernel.sched_rt_runtime_us is {}", runtime_us);
 }
 
-/// Nothing where the thread now has this priority.
+/// Gives the thread this SCHED_FIFO priority. Returns a sentence if that was refused.
 std::optional<std::string> prioritize(const std::string& name, int priority) {
   const rlim_t limit = raised_limit(RLIMIT_RTPRIO);
   sched_param wanted{};
@@ -128,9 +129,9 @@ struct Range {
   std::uintptr_t bytes() const { return end - begin; }
 };
 
-/// The process's writable anonymous memory as far as it fills whole huge pages.
+/// Returns the process's writable anonymous memory, cut down to whole huge pages.
 std::vector<Range> big_ranges() {
-  // What is larger than the machine's memory is reserved, not used: a sanitizer's shadow.
+  // A range larger than the machine's memory is only reserved, as the shadow of a sanitizer is.
   const auto memory_bytes = static_cast<std::uintptr_t>(sysconf(_SC_PHYS_PAGES)) *
                             static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
   std::vector<Range> ranges;
@@ -153,7 +154,7 @@ std::vector<Range> big_ranges() {
   return ranges;
 }
 
-/// The kernel gives addresses as numbers, in a file.
+/// Makes a pointer of an address that the kernel gave as a number in a file.
 void* address(std::uintptr_t number) {
   return reinterpret_cast<void*>(number);  // NOLINT(performance-no-int-to-ptr)
 }
@@ -175,7 +176,7 @@ std::vector<std::string> enter_realtime(const std::string& name, const std::vect
 }
 
 ProcessRealtime::ProcessRealtime(const RealtimeOptions& options) {
-  if (options.huge_pages) use_huge_pages();  // before the lock: locked pages stay as they are
+  if (options.huge_pages) use_huge_pages();  // first, because locked pages stay as they are
   if (options.lock_memory) lock_memory();
   if (options.max_cpu_wakeup_us >= 0) hold_c_states(options.max_cpu_wakeup_us);
 }
@@ -187,8 +188,8 @@ ProcessRealtime::~ProcessRealtime() {
 
 void ProcessRealtime::use_huge_pages() {
   const std::vector<Range> ranges = big_ranges();
-  // Where memory is fragmented the kernel takes its time; what is left then it does by itself,
-  // later (khugepaged).
+  // Where memory is fragmented the kernel takes long. After two seconds the rest is left to the
+  // kernel's own khugepaged, which does it later.
   const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(2);
   for (const Range& range : ranges) {
     madvise(address(range.begin), range.bytes(), MADV_HUGEPAGE);
@@ -213,8 +214,8 @@ void ProcessRealtime::lock_memory() {
   const std::uint64_t size_kb = field_of(kStatus, "VmSize").value_or(0);
   const std::string limit_text =
       limit == RLIM_INFINITY ? std::string("unlimited") : fmt::format("{} MB", limit >> 20);
-  // Under a limit MCL_FUTURE would make later allocations fail, and a locked stack could not grow:
-  // then only what is there now is locked, where it fits well.
+  // Under a limit MCL_FUTURE would make later allocations fail, and a locked stack could not grow.
+  // So under a limit only the present memory is locked, and only if it fits with room to spare.
   constexpr std::uint64_t kSpareKb = 64 << 10;
   int error = 0;
   if (!unlimited && limit >> 10 < size_kb + kSpareKb)
@@ -244,8 +245,8 @@ void ProcessRealtime::lock_memory() {
 
 void ProcessRealtime::hold_c_states(int max_wakeup_us) {
   constexpr const char* kDevice = "/dev/cpu_dma_latency";
-  // The kernel's interface: a 32-bit number of µs, in force until the file is closed; what is read
-  // is the least of what all processes hold.
+  // The kernel takes a 32-bit number of µs, which holds until the file is closed. Reading gives the
+  // least value that any process holds.
   const std::int32_t wanted_us = max_wakeup_us;
   std::int32_t got_us = -1;
   int error = 0;

@@ -1,4 +1,4 @@
-// FrameResult: what a frame gave, copied out of its slot for those who write or send it.
+// FrameResult: the result of a frame, copied out of its slot for writers and senders.
 #pragma once
 
 #include <cstddef>
@@ -12,10 +12,10 @@
 namespace curlew {
 
 struct FrameResult {
-  /// capacity: the most vortices it can hold; more are counted in vortices.overflow().
+  /// capacity: the most vortices it can hold. Those beyond are counted in vortices.overflow().
   explicit FrameResult(std::size_t capacity) : vortices(capacity) {}
 
-  /// Once the frame's latency is complete. Never allocates.
+  /// Copies the result, once the frame's latency is complete. Never allocates.
   void copy(const FrameSlot& slot, std::int64_t frames_dropped) noexcept {
     frame_index = slot.frame_index;
     header = slot.frame->header;

@@ -18,7 +18,8 @@
 namespace curlew {
 namespace {
 
-/// The shortest decimals that read back as the same float; never NaN: JSON has none.
+/// Returns the shortest decimals that read back as the same float, or null for a number that is not
+/// finite, because JSON has none.
 nlohmann::json number(float value) {
   if (!std::isfinite(value)) return nullptr;
   char text[32];
@@ -42,7 +43,8 @@ JsonLines::JsonLines(const std::string& path, JsonLinesFile file) : path_(path) 
   in_place_ = stream_only_ || file == JsonLinesFile::kGrowing;
   if (!stream_only_) path_ = target;
   writing_path_ = in_place_ ? path : partial_path(target);
-  // The daemon does not wait for a reader to come; replay does, as a pipe's writer usually would.
+  // The daemon does not wait until somebody reads a pipe; replay does, as writers of pipes usually
+  // do.
   const bool waits = file == JsonLinesFile::kComplete;
   const int how = stream_only_ ? (waits ? 0 : O_NONBLOCK) : in_place_ ? O_APPEND : O_TRUNC;
   fd_ = open(writing_path_.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | how, 0666);

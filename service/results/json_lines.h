@@ -1,4 +1,4 @@
-// JsonLines: one JSON object a frame, for programs that follow along.
+// JsonLines writes one JSON object a frame, for programs that follow along.
 #pragma once
 
 #include <atomic>
@@ -9,12 +9,13 @@
 namespace curlew {
 
 enum class JsonLinesFile {
-  kComplete,  ///< appears under its name by commit() and not before
-  kGrowing,   ///< is appended to in place, for those who follow along
+  kComplete,  ///< the file appears under its name at commit() and not before
+  kGrowing,   ///< lines are appended in place, for programs that follow along
 };
 
-/// The format of DESIGN.md. A pipe or device is written to as the frames come, whatever is asked
-/// for. Failure names the file; also where a growing file is a pipe that nobody reads.
+/// Writes the format of docs/files.md. A pipe or a device gets each line at once, whichever
+/// JsonLinesFile is asked for. Throws Failure, which names the file, if it cannot be written, or if
+/// a growing file is a pipe that nobody reads.
 class JsonLines {
  public:
   explicit JsonLines(const std::string& path, JsonLinesFile file = JsonLinesFile::kComplete);
@@ -23,11 +24,12 @@ class JsonLines {
   JsonLines& operator=(const JsonLines&) = delete;
 
   void add(const FrameResult& result);
-  /// Writes out what is still in memory.
+  /// Writes out the lines that are still in memory.
   void flush();
   void commit();
 
-  /// Any thread: whoever waits for a reader that does not read shall stop waiting, with a Failure.
+  /// Makes a thread that waits for a slow reader stop waiting, with a Failure. Any thread may call
+  /// it.
   void give_up() noexcept { given_up_ = true; }
 
  private:
@@ -35,11 +37,11 @@ class JsonLines {
   [[noreturn]] void refuse(int error) const;
 
   std::string path_;
-  std::string writing_path_;  ///< what is really open
-  bool in_place_ = false;     ///< growing, a pipe or a device
-  bool stream_only_ = false;  ///< a pipe or a device: somebody waits for every line
+  std::string writing_path_;  ///< the file that is really open
+  bool in_place_ = false;     ///< it is a growing file, a pipe or a device
+  bool stream_only_ = false;  ///< it is a pipe or a device, where somebody waits for every line
   int fd_ = -1;
-  std::string buffer_;  ///< lines not written yet
+  std::string buffer_;  ///< lines that are not written yet
   std::atomic<bool> given_up_{false};
 };
 

@@ -38,7 +38,7 @@ std::string cpu_model() {
 
 std::string latency_table(const RunReport& report) {
   std::string text = fmt::format("{:<10}", "µs");
-  text += ' ';  // µ is two bytes
+  text += ' ';  // the width counts bytes, and µ has two
   for (const auto& [name, fraction] : kPercentiles) text += fmt::format("{:>10}", name);
   text += '\n';
   for_each_histogram(report, [&](const char* name, const LatencyHistogram& histogram) {

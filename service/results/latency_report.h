@@ -1,4 +1,4 @@
-// The latency table, for people and as JSON.
+// The table of latencies, for people and as JSON.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -8,11 +8,12 @@
 
 namespace curlew {
 
-/// p50, p90, p99, p99.9 and max of every stage, of publishing and in total, in µs.
+/// These give p50, p90, p99, p99.9 and the maximum of every stage, of publishing and of the total,
+/// in µs.
 std::string latency_table(const RunReport& report);
 nlohmann::ordered_json latency_json(const RunReport& report);
 
-/// What the figures were measured with: build, compiler, CPU model, CPUs that may be used.
+/// Returns what the figures were measured with: build, compiler, CPU model and usable CPUs.
 nlohmann::ordered_json machine_json();
 
 }  // namespace curlew

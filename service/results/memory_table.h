@@ -1,4 +1,4 @@
-// MemoryTable: a table that grows row by row in memory and goes into a FITS file whole.
+// MemoryTable: a table that grows row by row in memory and is written to a FITS file as a whole.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@ namespace curlew {
 
 class MemoryTable {
  public:
-  /// Columns of format K, J, D or E.
+  /// The columns have the format K, J, D or E.
   MemoryTable(std::string name, std::vector<ColumnSpec> columns)
       : name_(std::move(name)), specs_(std::move(columns)) {
     for (const ColumnSpec& spec : specs_) columns_.push_back(empty_column(spec.format));

@@ -10,7 +10,7 @@
 namespace curlew {
 namespace {
 
-constexpr std::size_t kResults = 512;  // that may wait: half a second at 1 kHz
+constexpr std::size_t kResults = 512;  // so many may wait: half a second at 1 kHz
 constexpr std::int64_t kFlushUs = 200'000;
 
 }  // namespace
@@ -23,7 +23,7 @@ ResultWriter::ResultWriter(const std::string& path, std::size_t capacity)
 std::int64_t ResultWriter::finish() {
   if (thread_.joinable()) {
     queue_.close();
-    lines_.give_up();  // a file is written to its end all the same
+    lines_.give_up();  // this concerns pipes only: a file is still written to its end
     thread_.join();
   }
   return queue_.dropped() + failed_;

@@ -1,4 +1,4 @@
-// ResultWriter: JSON lines beside the live pipeline, which it never slows.
+// ResultWriter writes JSON lines beside the live pipeline, without ever slowing it.
 #pragma once
 
 #include <atomic>
@@ -15,17 +15,17 @@ namespace curlew {
 class ResultWriter {
  public:
   /// Appends to the file, or writes to the pipe. capacity: the most vortices a frame can have.
-  /// Failure where it cannot be opened.
+  /// Throws Failure if the file or pipe cannot be opened.
   ResultWriter(const std::string& path, std::size_t capacity);
   ~ResultWriter() { finish(); }
   ResultWriter(const ResultWriter&) = delete;
   ResultWriter& operator=(const ResultWriter&) = delete;
 
-  /// Publisher's thread. Copies; never waits, allocates or throws.
+  /// Copies the result; never waits, allocates or throws. The publisher's thread calls it.
   void add(const FrameSlot& slot, std::int64_t dropped) noexcept;
 
-  /// Writes what is left; add() must not be called any more. Returns how many results were not
-  /// written: the disk was too slow, or failed. The destructor does it too.
+  /// Writes what is left. Do not call add() any more. Returns how many results were not written,
+  /// because the disk was too slow or failed. The destructor calls it too.
   std::int64_t finish();
 
  private:

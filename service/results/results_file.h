@@ -1,4 +1,4 @@
-// ResultsFile: what replay found, in FITS.
+// ResultsFile: what replay found, in FITS (see docs/files.md).
 #pragma once
 
 #include <cstdint>
@@ -11,30 +11,30 @@
 
 namespace curlew {
 
-/// Which images to write, one plane a frame.
+/// Which images are written. Each has one plane a frame.
 struct SaveOptions {
   bool slopes = false;
   bool flux = false;
   bool phase = false;
-  bool whole_phase = false;  ///< of plans with a hidden phase
+  bool whole_phase = false;  ///< only for plans with a hidden phase
   bool solenoidal = false;
   bool circulation = false;
 };
 
-/// "slopes,flux,phase,whole_phase,solenoidal,circulation" or some of these; UsageError names an
-/// unknown word.
+/// Makes the options from some of the words slopes, flux, phase, whole_phase, solenoidal and
+/// circulation. Throws UsageError, which names an unknown word.
 SaveOptions save_options_from(const std::vector<std::string>& words);
 
-/// Writes images frame by frame and the tables, kept in memory until then, at commit(). Nothing
-/// is left under the name without it. Failure names the file.
+/// Writes the images frame by frame, and the tables, which are kept in memory, at commit(). Without
+/// commit() no file appears under the name. Throws Failure, which names the file.
 class ResultsFile {
  public:
-  /// frames: how many are expected; more or fewer may come.
+  /// frames: how many frames are expected. More or fewer may come.
   ResultsFile(const std::string& path, const Plan& plan, const SaveOptions& save,
               std::int64_t frames, const std::string& configuration_hash);
 
   void add(const FrameSlot& slot);
-  /// Once the frame's latency is complete, after add().
+  /// Adds the frame's latency, once it is complete and add() was called.
   void add_latency(const FrameSlot& slot);
   void commit();
 
@@ -42,7 +42,7 @@ class ResultsFile {
   struct Cube {
     int hdu = 0;
     std::int64_t plane_elements = 0;
-    std::int64_t planes = 0;  ///< that the file has room for
+    std::int64_t planes = 0;  ///< planes that the file has room for
     std::vector<float> (*plane)(const FrameSlot&) = nullptr;
   };
 

@@ -43,7 +43,8 @@ std::span<const TruthVortex> Truth::of_frame(std::int64_t frame) const {
 TruthMatch match_truth(std::span<const Vortex> found, std::span<const TruthVortex> truth) {
   TruthMatch match;
   match.truth_of_found.assign(found.size(), -1);
-  std::vector<std::tuple<double, std::size_t, std::size_t>> pairs;  // distance, found, truth
+  // Each holds the distance, the index into found and the index into truth.
+  std::vector<std::tuple<double, std::size_t, std::size_t>> pairs;
   for (std::size_t i = 0; i < found.size(); ++i)
     for (std::size_t j = 0; j < truth.size(); ++j) {
       const double apart = distance(found[i], truth[j]);
@@ -74,7 +75,7 @@ std::vector<GradedVortex> grade_vortices(std::span<const SceneVortex> vortices) 
         pairs.emplace_back(apart, i, j);
     }
   }
-  // Removing a pair brings no others together: in order of distance once is again and again.
+  // One pass in order of distance is enough, because removing a pair makes no other pair closer.
   std::sort(pairs.begin(), pairs.end());
   for (const auto& [apart, i, j] : pairs) {
     if (graded[i].required && graded[j].required) graded[i].required = graded[j].required = false;

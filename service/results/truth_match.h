@@ -1,4 +1,4 @@
-// The truth of simulated recordings, and what was found held against it.
+// The truth of simulated recordings, and its comparison with what was found.
 #pragma once
 
 #include <cstdint>
@@ -12,12 +12,12 @@
 
 namespace curlew {
 
-/// The true vortices of recordings that follow one another, by frame over all of them.
+/// The true vortices of recordings that follow one another. Frames are counted over all of them.
 class Truth {
  public:
   explicit Truth(const std::vector<std::string>& recordings);
 
-  bool known() const { return known_; }  ///< at least one recording has a truth
+  bool known() const { return known_; }  ///< whether at least one recording has a truth
   std::span<const TruthVortex> of_frame(std::int64_t frame) const;
 
  private:
@@ -25,33 +25,34 @@ class Truth {
   std::vector<TruthVortex> vortices_;
 };
 
-/// A found vortex hits a true one of the same sign within this many pitches (the benchmark's rule).
+/// A found vortex hits a true one of the same sign within this many pitches, as in the benchmark.
 inline constexpr double kHitRadius = 0.75;
 
 struct TruthMatch {
-  std::vector<int> truth_of_found;  ///< index into truth, −1 for a false alarm
+  std::vector<int> truth_of_found;  ///< index into truth; −1: a false alarm
   int hits = 0;
 };
 
-/// One to one, nearest pairs first.
+/// Matches found vortices with true ones, one to one, the nearest pairs first.
 TruthMatch match_truth(std::span<const Vortex> found, std::span<const TruthVortex> truth);
 
-/// Opposite vortices nearer each other than this many pitches cannot be asked of a detector.
+/// Two opposite vortices closer than this many pitches are not required of a detector.
 inline constexpr double kClosestRequiredPair = 1.0;
-/// A vortex farther than this from every other is isolated, pitches.
+/// A vortex is isolated if it is farther than this from every other, in pitches.
 inline constexpr double kIsolation = 2.0;
 
 struct GradedVortex {
   double x = 0.0;  ///< lenslet units
   double y = 0.0;
   int charge = 0;
-  bool required = true;  ///< false: whoever finds it, or does not, is neither right nor wrong
+  /// false: a detector is neither blamed for missing it nor credited for finding it
+  bool required = true;
   bool isolated = true;
 };
 
-/// Grades the vortices of one field, in their order: of the opposite pairs the closest is removed,
-/// again and again, until none is closer than kClosestRequiredPair. What is left is required. Give
-/// the vortices beyond the array too, or pairs across its edge are torn apart.
+/// Grades the vortices of one field, in their order. The closest opposite pair is removed, again
+/// and again, until none is closer than kClosestRequiredPair; what is left is required. Give the
+/// vortices beyond the array too, or pairs across its edge are torn apart.
 std::vector<GradedVortex> grade_vortices(std::span<const SceneVortex> vortices);
 
 }  // namespace curlew

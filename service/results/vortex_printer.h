@@ -10,9 +10,9 @@
 
 namespace curlew {
 
-/// Prints the vortices of the first `show` frames that have any, beside the truth where it is
-/// known, and counts hits and false alarms over all frames. True vortices that were missed are
-/// printed too, but for those in close pairs, which nobody can be asked to find.
+/// Prints the vortices of the first `show` frames that have any, beside the truth if it is known,
+/// and counts hits and false alarms over all frames. It also prints true vortices that were missed,
+/// unless they belong to a close pair, because those are not required.
 class VortexPrinter {
  public:
   VortexPrinter(const Truth& truth, const Config& config, std::int64_t show)
@@ -33,13 +33,13 @@ class VortexPrinter {
   bool show_track_;
   std::int64_t show_;
   std::int64_t shown_ = 0;  ///< frames with vortices, printed or not
-  // True vortices, and of these the ones that can be asked of a detector, because they are in no
-  // opposite pair closer than kClosestRequiredPair.
+  // All true vortices, and those of them that are required: they are in no opposite pair closer
+  // than kClosestRequiredPair.
   std::int64_t true_ = 0;
   std::int64_t required_ = 0;
-  // Every vortex that was found is in one of these four.
-  std::int64_t hits_ = 0;        ///< it hit a required one
-  std::int64_t excused_ = 0;     ///< it hit one of a close pair
+  // Every vortex that was found is counted in one of these four.
+  std::int64_t hits_ = 0;        ///< it hit a required vortex
+  std::int64_t excused_ = 0;     ///< it hit a vortex of a close pair
   std::int64_t unresolved_ = 0;  ///< it is an unresolved pair, of charge 0
   std::int64_t false_ = 0;
   double square_error_ = 0.0;

@@ -18,7 +18,7 @@ namespace curlew {
 void capture_frames(const CameraOptions& options, std::int64_t frames, const std::string& path) {
   using Clock = std::chrono::steady_clock;
   constexpr std::int64_t kLookUpUs = 100'000;
-  constexpr double kPatienceS = 10.0;  // where the configuration sets none
+  constexpr double kPatienceS = 10.0;  // taken if the configuration sets no limit
   const double silence_s = longest_silence_s(options);
   const double timeout_s = silence_s > 0.0 ? silence_s : kPatienceS;
   const std::unique_ptr<Camera> camera = open_camera(options, {});

@@ -1,4 +1,4 @@
-// Capture: a few frames straight from a camera into a recording, for calibration.
+// Capture takes a few frames straight from a camera into a recording, for a calibration.
 #pragma once
 
 #include <cstdint>
@@ -8,9 +8,9 @@
 
 namespace curlew {
 
-/// Writes `frames` frames to the recording at path. Frames the disk is too slow for are passed
-/// over. Failure where the camera is not there, stops sending, or the file cannot be written; then
-/// nothing is left.
+/// Writes `frames` frames to the recording at path. Frames for which the disk is too slow are
+/// skipped. Throws Failure if the camera is not there, stops sending or the file cannot be written;
+/// then no file is left.
 void capture_frames(const CameraOptions& options, std::int64_t frames, const std::string& path);
 
 }  // namespace curlew

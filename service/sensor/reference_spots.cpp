@@ -13,7 +13,7 @@
 namespace curlew {
 namespace {
 
-constexpr std::size_t kStates = 6;  // of LensletState
+constexpr std::size_t kStates = 6;  // the number of values of LensletState
 constexpr std::array<const char*, kStates> kReasons = {
     "", "unlit", "too faint", "saturated", "at their window's edge", "on bad pixels"};
 

@@ -1,4 +1,5 @@
-// Reference spots: measured by the pipeline's own kernel, so that a calibration replays to zero.
+// Measures reference spots with the pipeline's own centroids, so that the reference itself has
+// slopes of 0.
 #pragma once
 
 #include <string>
@@ -11,12 +12,12 @@ namespace curlew {
 
 struct ReferenceReport {
   int dropped = 0;   ///< lenslets taken out of the sensor
-  std::string text;  ///< a sentence on them; empty where there is none
+  std::string text;  ///< a sentence on these lenslets; empty if there are none
 };
 
-/// Runs find_centroids over all frames of the source and sets the sensor's references and fluxes
-/// to the means over the frames in which the lenslet is valid. A lenslet that is not valid in at
-/// least half of the frames is taken out. Failure where none is left.
+/// Runs find_centroids over all frames of the source, and sets the sensor's references and fluxes
+/// to the means over the frames in which the lenslet is valid. A lenslet that is valid in less than
+/// half of the frames is taken out. Throws Failure if none is left.
 ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptions& options,
                                         Sensor& sensor);
 

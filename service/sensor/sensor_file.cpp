@@ -14,7 +14,7 @@
 namespace curlew {
 namespace {
 
-// A header that says more lenslets a side, or more pixels a side, is damaged.
+// A header with more lenslets or more pixels a side than this is taken for damaged.
 constexpr int kMaxLenslets = 4096;
 constexpr int kMaxPixels = 1 << 20;
 
@@ -83,7 +83,7 @@ void write_lenslet_maps(FitsFile& file, const Sensor& sensor) {
   file.write_pixels<float>(static_cast<std::int64_t>(any.size()), values(sensor.gain_y));
 }
 
-/// Writes the maps of the frame's pixels, as far as they are known.
+/// Writes those maps of the frame's pixels that are known.
 void write_pixel_maps(FitsFile& file, const Sensor& sensor) {
   if (!sensor.dark_adu.empty())
     write_image(file, ElementType::kF32, sensor.dark_adu, "DARK", "adu");
@@ -133,7 +133,7 @@ void read_frame_region(FitsFile& file, Sensor& sensor) {
   sensor.binning = region.binning;
 }
 
-/// Reads all that the primary header says.
+/// Reads everything from the primary header.
 void read_keys(FitsFile& file, Sensor& sensor) {
   read_optics(file, sensor.optics);
   read_detector(file, sensor.detector);
@@ -159,7 +159,7 @@ void read_keys(FitsFile& file, Sensor& sensor) {
   sensor.method = read_method(file);
 }
 
-/// Selects an image of `planes` maps of the lenslets.
+/// Selects an image that holds `planes` maps of the lenslets.
 void select_maps(FitsFile& file, const std::string& name, int planes, const LensletGrid& grid) {
   file.select(name);
   if (file.image().shape != std::vector<std::int64_t>{planes, grid.rows, grid.cols})
@@ -197,7 +197,7 @@ void read_lenslet_maps(FitsFile& file, Sensor& sensor) {
   read_gains(file, sensor);
 }
 
-/// Reads the maps of the frame's pixels, as far as the file has them.
+/// Reads those maps of the frame's pixels that the file has.
 void read_pixel_maps(FitsFile& file, Sensor& sensor) {
   const auto read_optional = [&]<typename T>(const std::string& name, Image<T>& image) {
     if (file.try_select(name))

@@ -1,4 +1,4 @@
-// The sensor file: a Sensor in FITS, as calibrate writes it and replay reads it.
+// The sensor file: a Sensor in FITS, which calibrate writes and replay and run read.
 #pragma once
 
 #include <string>
@@ -7,10 +7,12 @@
 
 namespace curlew {
 
-/// Writes primary keys and the images of DESIGN.md. Failure names the file; nothing half-written.
+/// Writes the keys and images that docs/files.md lists. Throws Failure, which names the file; then
+/// no incomplete file is left.
 void write_sensor(const std::string& path, const Sensor& sensor);
 
-/// Failure where the file is missing, is no sensor file, or contradicts itself.
+/// Reads a sensor file. Throws Failure if the file is missing, is no sensor file, or contradicts
+/// itself.
 Sensor read_sensor(const std::string& path);
 
 }  // namespace curlew

@@ -6,7 +6,7 @@
 
 namespace curlew {
 
-/// What `curlew calibrate` would make of plane-wave frames of open_simulated_camera()'s sensor.
+/// Returns what `curlew calibrate` would make of plane-wave frames of open_simulated_camera().
 Sensor simulated_sensor(const CentroidOptions& options);
 
 }  // namespace curlew
