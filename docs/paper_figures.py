@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """Our version of Figs. 5 to 9 of Chen, Roux and Olivier, J. Opt. Soc. Am. A 24, 1994 (2007).
 
-Everything drawn and printed comes out of the program:
-    paper_figures.py build/release/curlew docs/paper           all figures and the table, a minute
+Everything drawn and printed comes out of the program. Only the paper's appendix, Eq. (A1), is
+computed here, to be compared with it.
+    paper_figures.py build/release/curlew docs/paper           figures and values, a minute
     paper_figures.py build/release/curlew /tmp/out --quick     without the propagated beams (Fig. 9)
-    paper_figures.py build/release/curlew /tmp/out --search 400
-                                   how often cases like Fig. 9 come up, over so many seeds
+    paper_figures.py build/release/curlew docs/paper --search 1000
+                 the numbers the paper reads in its Fig. 9, in so many realisations, 20 minutes
 """
 import argparse
 import json
@@ -14,6 +15,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from typing import NamedTuple
 
 try:
     import matplotlib
@@ -33,11 +35,18 @@ except ImportError as missing:
 FIG7 = (math.pi / 4, math.pi)
 FIG8 = (4 * math.pi / 9, math.pi / 2)
 ROUND = (0.0, 0.0)
-PLUS, MINUS, INK, GREY = "#d62728", "#1f5fbf", "#222222", "#8a8a8a"
+PLUS, MINUS, GREEN, INK, GREY = "#d62728", "#1f5fbf", "#2a8f4f", "#222222", "#8a8a8a"
 
-# Found by --search over seeds 1 to 400: a pair far from all else, and a close one.
-ISOLATED_SEED = 223
-DIPOLE_SEED = 36
+PEAK_LEVELS = [3.5, 4, 4.4, 4.7, 5, 5.5, 6]
+
+# What the paper reads in its Fig. 9: D of the two vortices of its wide pair and their 3 × 3 sums, and
+# D of the positive vortex of its close pair.
+PAPER_WIDE_D = (2.95, -3.54)
+PAPER_WIDE_SUM = (6.20, -5.86)
+PAPER_CLOSE_D = 1.41
+# Found by --search: a wide and a close pair and nothing else, as in the paper, and a lone pair whose
+# positive vortex reads about 1.41.
+BEAM_SEEDS = (188, 502)
 
 plt.rcParams.update({"font.size": 9, "axes.titlesize": 9.5, "axes.edgecolor": GREY,
                      "axes.linewidth": 0.8, "legend.frameon": False, "lines.linewidth": 1.6})
@@ -68,6 +77,17 @@ class Curlew:
         said["positions"] = np.array(said["positions"])
         said["circulation_rad"] = np.array(said["circulation_rad"])
         return said
+
+    def around_node(self, morphology, extent=1):
+        """D of the cells at whole pitches round a vortex on a node."""
+        table = self.run("kernel", "--alpha", repr(morphology[0]), "--beta", repr(morphology[1]),
+                         "--extent", extent, "--step", 1, "--csv")
+        d = [float(line.split(",")[2]) for line in table.splitlines()[1:]]
+        return np.array(d).reshape(2 * extent + 1, 2 * extent + 1)
+
+    def peak(self, alpha_deg, beta_deg):
+        """D of a vortex on a node, averaged uniformly."""
+        return self.around_node((math.radians(alpha_deg), math.radians(beta_deg)))[1, 1]
 
 
 class Sensor:
@@ -115,12 +135,12 @@ class Sensor:
 # Drawing ------------------------------------------------------------------------------------------
 
 
-def save(figure, folder, name, colours=128):
+def save(figure, folder, name):
     """A PNG of few colours, for the repository's sake."""
     path = os.path.join(folder, name)
     figure.savefig(path, dpi=100)
     plt.close(figure)
-    few = Image.open(path).convert("RGB").quantize(colours, dither=Image.Dither.NONE)
+    few = Image.open(path).convert("RGB").quantize(256, dither=Image.Dither.NONE)
     few.save(path, optimize=True)
 
 
@@ -136,21 +156,22 @@ def draw_surface(curlew, sensor, folder, number, morphology, title, step):
     lines = plane.contour(at, at, uniform["circulation_rad"], levels=[-0.2, 0, 1, 2, 3, 4, 5],
                           colors=INK, linewidths=0.7)
     plane.clabel(lines, fmt="%g", fontsize=7)
-    plane.set(title=f"Uniform average: D(μ, ν), peak {uniform['peak_rad']:.3f} rad",
+    plane.set(title=f"(a) D(μ, ν), rad; on the node {uniform['peak_rad']:.3f}",
               xlabel="μ, pitches (x)", ylabel="ν, pitches (y)", xticks=range(-2, 3),
               yticks=range(-2, 3))
-    figure.colorbar(picture, ax=plane, shrink=0.85, label="D, rad",
-                    ticks=[-0.5, 0, 1, 2, 3, 4, 5])
+    figure.colorbar(picture, ax=plane, shrink=0.85, ticks=[-0.5, 0, 1, 2, 3, 4, 5])
 
     middle = len(at) // 2
-    sections = [("ν = 0", (1, 0), INK, lambda d: (at, d[middle])),
-                ("ν = +μ", (1, 1), PLUS, lambda d: (at * math.sqrt(2), np.diag(d)))]
+    sections = [("middle line, ν = 0", (1, 0), INK, lambda d: (at, d[middle])),
+                ("diagonal, ν = μ", (1, 1), PLUS, lambda d: (at * math.sqrt(2), np.diag(d)))]
     if morphology == FIG7:
-        sections.insert(1, ("μ = 0", (0, 1), "#2a8f4f", lambda d: (at, d[:, middle])))
+        sections = [("μ-line, ν = 0", *sections[0][1:]),
+                    ("ν-line, μ = 0", (0, 1), GREEN, lambda d: (at, d[:, middle])), sections[1]]
     if morphology == FIG8:
-        sections.append(("ν = −μ", (1, -1), MINUS,
-                         lambda d: (at * math.sqrt(2), np.diag(d[:, ::-1])[::-1])))
-    for name, direction, colour, cut in sections:
+        sections = [("diagonal I, ν = μ", *sections[1][1:]),
+                    ("diagonal II, ν = −μ", (1, -1), MINUS,
+                     lambda d: (at * math.sqrt(2), np.diag(d[:, ::-1])[::-1])), sections[0]]
+    for _, direction, colour, cut in sections:
         distance, d = cut(uniform["circulation_rad"])
         section.plot(distance, d, color=colour)
         distance, d = cut(weighted["circulation_rad"])
@@ -160,8 +181,9 @@ def draw_surface(curlew, sensor, folder, number, morphology, title, step):
         steps = 0.1 * math.hypot(*direction) * np.arange(frames)
         section.plot(steps, seen, "o", ms=3, mfc="none", color=colour, mew=0.9)
     section.axhline(0, color=GREY, lw=0.7)
-    section.set(title="Sections through the node", xlabel="distance of the vortex from the node, pitches",
-                ylabel="D, rad", xlim=(0, 2.2), ylim=(-0.7, 5.7))
+    section.set(title="(b) D along lines through the node", ylabel="D, rad", ylim=(-0.7, 5.7),
+                xlabel="r, distance of the vortex from the node, pitches",
+                xlim=(0, 2 * math.sqrt(2)))
     handles = [Line2D([], [], color=colour, label=name) for name, _, colour, _ in sections]
     handles += [Line2D([], [], color=GREY, label="uniform average (the paper)"),
                 Line2D([], [], color=GREY, ls="--", lw=1.1, label="weighted by intensity"),
@@ -170,41 +192,59 @@ def draw_surface(curlew, sensor, folder, number, morphology, title, step):
     section.legend(handles=handles, fontsize=8)
     figure.suptitle(f"Fig. {number}: {title}", fontsize=10.5)
     save(figure, folder, f"figure{number}.png")
-    return uniform, weighted
+    return uniform
 
 
 def draw_peaks(curlew, sensor, folder, quick):
-    """Fig. 6: D on the node against morphology."""
+    """Fig. 6: D on the node against morphology, over all of it and along three lines."""
+    figure, (plane, uniform, weighted) = plt.subplots(
+        1, 3, figsize=(10.8, 3.7), constrained_layout=True,
+        gridspec_kw={"width_ratios": [1.15, 1, 1]})
+    alphas, betas = (30, 60) if quick else (5, 10)  # steps in degrees
+    alphas, betas = (np.arange(step / 2, 180 * k, step) for k, step in ((1, alphas), (2, betas)))
+    peaks = np.array([[curlew.peak(alpha, beta) for alpha in alphas] for beta in betas])
+    picture = plane.imshow(peaks, cmap="RdBu_r", vmin=-2 * math.pi, vmax=2 * math.pi,
+                           extent=(0, 180, 0, 360), origin="lower", aspect="auto")
+    for side, levels in ((alphas < 90, PEAK_LEVELS), (alphas > 90, [-d for d in PEAK_LEVELS[::-1]])):
+        lines = plane.contour(alphas[side], betas, peaks[:, side], levels=levels, colors=INK,
+                              linewidths=0.7, linestyles="-")
+        plane.clabel(lines, fmt="%g", fontsize=7)
+    plane.set(title="(a) D on the node, rad", xlabel="α, degrees", ylabel="β, degrees",
+              xticks=range(0, 181, 45), yticks=range(0, 361, 90))
+    figure.colorbar(picture, ax=plane, shrink=0.85, ticks=[-6, -4, -2, 0, 2, 4, 6])
+
     degrees = np.array([0, 30, 60, 80, 89] if quick else
                        [*range(0, 80, 4), 80, 82, 84, 86, 87, 88, 89, 89.9])
-    figure, (uniform, weighted) = plt.subplots(1, 2, figsize=(9, 3.7), constrained_layout=True,
-                                               sharex=True)
-    for beta, colour in ((0, INK), (45, "#2a8f4f"), (90, PLUS)):
-        for axes, weight in ((uniform, "uniform"), (weighted, "intensity")):
-            peaks = [curlew.kernel((math.radians(a), math.radians(beta)), weight)["peak_rad"]
-                     for a in degrees]
-            label = f"β = {beta}°" + (" (and 180°)" if beta == 0 else "")
-            axes.plot(degrees, peaks, color=colour, label=label)
+    for beta, colour in ((0, INK), (45, GREEN), (90, PLUS)):
+        for side in (degrees, 180 - degrees):
+            uniform.plot(side, [curlew.peak(a, beta) for a in side], color=colour,
+                         label=f"β = {beta}°" if side is degrees else None)
+            weighted.plot(side, [curlew.kernel((math.radians(a), math.radians(beta)),
+                                               "intensity")["peak_rad"] for a in side],
+                          color=colour)
         seen_at = [80] if quick else [0, 15, 30, 45, 60, 70, 80, 85]
         seen = [sensor.node_circulation((math.radians(a), math.radians(beta)))[0] for a in seen_at]
         weighted.plot(seen_at, seen, "o", ms=4, mfc="none", color=colour,
                       label="simulated spots" if beta == 90 else None)
     for level, name in ((math.pi, "π"), (math.pi + 2 * math.log(2), "π + 2 ln 2"),
                         (2 * math.pi, "2π")):
-        uniform.axhline(level, color=GREY, lw=0.6, ls=":")
-        uniform.annotate(name, (1, level), xytext=(0, 2), textcoords="offset points", fontsize=7.5,
-                         color=GREY)
-    uniform.plot(45, curlew.kernel(FIG7)["peak_rad"], "s", ms=5, color=INK)
-    uniform.annotate("Fig. 7", (45, 4.32), xytext=(-8, -13), textcoords="offset points", fontsize=8)
-    uniform.plot(80, curlew.kernel(FIG8)["peak_rad"], "s", ms=5, color=PLUS)
-    uniform.annotate("Fig. 8", (80, 5.52), xytext=(-33, 2), textcoords="offset points", fontsize=8)
-    uniform.set(title="Averaged uniformly, as in the paper", ylabel="D on the node, rad",
-                xlabel="α, degrees", xlim=(0, 90), ylim=(2.9, 6.6))
-    weighted.set(title="Weighted by intensity, as a centroid sees it", xlabel="α, degrees",
-                 ylim=(0, 3.3))
+        for sign in (1, -1):
+            uniform.axhline(sign * level, color=GREY, lw=0.6, ls=":")
+        uniform.annotate(name, (178, level), xytext=(0, 2), textcoords="offset points",
+                         fontsize=7.5, color=GREY, ha="right")
+    for name, morphology, colour in (("Fig. 7", FIG7, INK), ("Fig. 8", FIG8, PLUS)):
+        alpha, peak = math.degrees(morphology[0]), curlew.around_node(morphology)[1, 1]
+        uniform.plot(alpha, peak, "s", ms=5, color=colour)
+        uniform.annotate(name, (alpha, peak), xytext=(-34, -8 if colour == INK else 3),
+                         textcoords="offset points", fontsize=8)
+    uniform.set(title="(b) averaged uniformly, as in the paper", xlabel="α, degrees",
+                ylabel="D on the node, rad", xlim=(0, 180), ylim=(-7, 7.2),
+                xticks=range(0, 181, 45))
+    weighted.set(title="(c) weighted by intensity, as centroids are", xlabel="α, degrees",
+                 xlim=(0, 180), ylim=(-3.4, 3.4), xticks=range(0, 181, 45))
     uniform.legend(loc="lower left", fontsize=8)
     weighted.legend(loc="lower left", fontsize=8)
-    figure.suptitle("Fig. 6: peak circulation against morphology (α = 0 round, 90° a line)",
+    figure.suptitle("Fig. 6: peak circulation against morphology (α = 0 and 180° round, 90° a line)",
                     fontsize=10.5)
     save(figure, folder, "figure6.png")
 
@@ -236,130 +276,244 @@ def propagate(sensor, seed):
         samples = file[0].header["SAMPLES"]
     field = real + 1j * imaginary
     truth = fits.getdata(curlew.path(name), "TRUTH")
-    return field, truth, sensor.circulation(name)[0], uniform_circulation(field, samples)
+    circulation = sensor.circulation(name)[0]
+    for file in (name, "results_" + name):
+        os.remove(curlew.path(file))
+    return field, truth, circulation, uniform_circulation(field, samples)
 
 
-def round_node(d, x, y):
-    """D of the cell that holds (x, y), and of the 3 × 3 round it; None at the rim."""
-    r, c = math.floor(y), math.floor(x)
+class Read(NamedTuple):
+    """What is read off a map of D round a vortex; the charge's sign is taken out."""
+    peak: float  # the most of the cell that holds the vortex and the eight round it
+    total: float  # the sum of the nine
+
+
+def read_vortex(d, vortex):
+    """None at the rim, where the nine cells are not all there."""
+    r, c = math.floor(vortex["Y"]), math.floor(vortex["X"])
     if not (1 <= r < d.shape[0] - 1 and 1 <= c < d.shape[1] - 1):
         return None
-    return d[r, c], d[r - 1:r + 2, c - 1:c + 2].sum()
+    nine = vortex["CHARGE"] * d[r - 1:r + 2, c - 1:c + 2]
+    return Read(float(nine.max()), float(nine.sum()))
 
 
 def opposite_pairs(truth):
-    """Pairs of opposite sign that are each other's nearest, with how far all else is."""
-    place = [complex(v["X"], v["Y"]) for v in truth]
+    """Pairs of opposite sign, closest first: the vortices' numbers, how far apart they are, and how
+    far all else is."""
+    place = truth["X"] + 1j * truth["Y"]
     pairs = []
-    for i, a in enumerate(truth):
+    for i in range(len(truth)):
         for j in range(i + 1, len(truth)):
-            if a["CHARGE"] == truth[j]["CHARGE"]:
-                continue
-            apart = abs(place[i] - place[j])
-            rest = min((min(abs(p - place[i]), abs(p - place[j])) for k, p in enumerate(place)
-                        if k not in (i, j)), default=math.inf)
-            if rest > apart:
-                pairs.append((i, j, apart, rest))
-    return pairs
+            if truth["CHARGE"][i] != truth["CHARGE"][j]:
+                others = np.delete(place, [i, j])
+                rest = min(np.abs(others - place[k]).min(initial=math.inf) for k in (i, j))
+                pairs.append((i, j, abs(place[i] - place[j]), rest))
+    return sorted(pairs, key=lambda pair: pair[2])
 
 
-def label(axes, vortices, d, lenslets):
-    """Writes D and its 3 × 3 sum near each vortex, where there is room."""
-    low, high = (f(v["Y"] for v in vortices) for f in (min, max))
-    close = high - low < 3
-    for k, vortex in enumerate(vortices):
-        colour = PLUS if vortex["CHARGE"] > 0 else MINUS
-        r, c = math.floor(vortex["Y"]), math.floor(vortex["X"])
-        axes.add_patch(plt.Rectangle((c - 1, r - 1), 3, 3, fill=False, ec=colour, lw=1))
-        if close:
-            y = high + 3.2 + 1.6 * k if high < lenslets / 2 else low - 4.8 + 1.6 * k
-        else:
-            y = vortex["Y"] + (3.2 if vortex["Y"] < lenslets - 5 else -3.2)
-        near, total = round_node(d, vortex["X"], vortex["Y"])
-        axes.text(np.clip(vortex["X"], 5, lenslets - 6), y, f"D {near:+.2f}, Σ {total:+.2f}".replace("-", "−"),
-                  ha="center", va="center", fontsize=8, color=colour)
+def wide_and_close(truth):
+    """The two pairs of a realisation like the paper's: four vortices, of which two opposite ones are
+    less than 2 w apart and all others 2 w or more. None for any other."""
+    if len(truth) != 4 or truth["CHARGE"].sum() != 0:
+        return None
+    i, j, close, rest = opposite_pairs(truth)[0]
+    k, m = (n for n in range(4) if n not in (i, j))
+    wide = math.hypot(truth["X"][k] - truth["X"][m], truth["Y"][k] - truth["Y"][m])
+    return ((k, m, wide), (i, j, close)) if close < 2 <= min(wide, rest) else None
+
+
+def label(axes, vortex, d, lenslets):
+    """Writes D and its 3 × 3 sum near a vortex."""
+    colour, sign = (PLUS, 1) if vortex["CHARGE"] > 0 else (MINUS, -1)
+    r, c = math.floor(vortex["Y"]), math.floor(vortex["X"])
+    axes.add_patch(plt.Rectangle((c - 1, r - 1), 3, 3, fill=False, ec=colour, lw=1))
+    read = read_vortex(d, vortex)
+    y = r - 1.9 if sign > 0 else r + 2.9
+    axes.text(np.clip(vortex["X"], 4, lenslets - 5), y,
+              f"{sign * read.peak:+.2f}, Σ {sign * read.total:+.2f}".replace("-", "−"),
+              ha="center", va="center", fontsize=7.5, color=colour, clip_on=True,
+              bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.5})
 
 
 def draw_beams(sensor, folder):
-    """Fig. 9: an isolated pair and a close dipole in propagated beams."""
-    figure, rows = plt.subplots(2, 4, figsize=(9.6, 5.3), constrained_layout=True, sharex=True,
+    """Fig. 9: a beam with a wide and a close pair of vortices, and one with a closer pair."""
+    figure, rows = plt.subplots(2, 4, figsize=(10.4, 5.9), constrained_layout=True, sharex=True,
                                 sharey=True)
-    found = []
     n = sensor.lenslets
     box = (-0.5, n - 0.5, n - 0.5, -0.5)
-    for (bright, phase, flat, spots), seed, name in zip(
-            rows, (ISOLATED_SEED, DIPOLE_SEED), ("isolated pair", "close dipole")):
-        field, truth, d, uniform = propagate(sensor, seed)
-        i, j, apart, _ = min(opposite_pairs(truth), key=lambda pair: pair[2])
-        pair = [truth[i], truth[j]]
-        bright.imshow(np.abs(field) / np.abs(field).max(), cmap="gray", extent=box)
-        phase.imshow(np.angle(field), cmap="twilight", vmin=-math.pi, vmax=math.pi, extent=box)
-        for axes, circulation in ((flat, uniform), (spots, d)):
-            axes.imshow(circulation, cmap="RdBu_r", vmin=-4.5, vmax=4.5,
-                        extent=(0, n - 1, n - 1, 0))
-            axes.plot(truth["X"], truth["Y"], "x", ms=4, color=INK, mew=1)
-            label(axes, pair, circulation, n)
+    found = []
+    for axes, seed in zip(rows, BEAM_SEEDS):
+        field, truth, spots, uniform = propagate(sensor, seed)
+        axes[0].imshow(np.angle(field), cmap="twilight", vmin=-math.pi, vmax=math.pi, extent=box)
+        axes[1].imshow(np.abs(field) / np.abs(field).max(), cmap="gray", extent=box)
         for vortex in truth:
-            phase.plot(vortex["X"], vortex["Y"], "o", ms=5.5, mec="white", mew=1,
-                       mfc=PLUS if vortex["CHARGE"] > 0 else MINUS)
-        found += [(name, seed, int(v["CHARGE"]), apart, *round_node(d, v["X"], v["Y"]),
-                   *round_node(uniform, v["X"], v["Y"])) for v in pair]
-        bright.set_ylabel(f"{name}\n(seed {seed}, {apart:.2f} w apart)")
-    for axes, title in zip(rows[0], ("amplitude", "phase, true vortices", "D, uniform average (paper)",
-                                     "D through spots")):
-        axes.set(title=title, xlim=box[:2], ylim=box[2:], xticks=(0, 5, 10, 15),
-                 yticks=(0, 5, 10, 15))
-    for axes in rows[1]:
-        axes.set_xlabel("x, lenslets of 20 mm")
+            for picture in axes[:2]:
+                picture.plot(vortex["X"], vortex["Y"], "o", ms=5, mec="white", mew=1,
+                             mfc=PLUS if vortex["CHARGE"] > 0 else MINUS)
+        for picture, d in zip(axes[2:], (uniform, spots)):
+            picture.imshow(d, cmap="RdBu_r", vmin=-4.5, vmax=4.5, extent=(0, n - 1, n - 1, 0))
+            picture.plot(truth["X"], truth["Y"], "x", ms=3.5, color=INK, mew=0.9)
+            for vortex in truth:
+                label(picture, vortex, d, n)
+        axes[0].set_ylabel(f"seed {seed}")
+        pairs = wide_and_close(truth) or [opposite_pairs(truth)[0][:3]]
+        for name, (i, j, apart) in zip(("wide", "close")[-len(pairs):], pairs):
+            for k in sorted((i, j), key=lambda k: -truth["CHARGE"][k]):
+                found.append((f"seed {seed} {name}", apart, int(truth["CHARGE"][k]),
+                              read_vortex(uniform, truth[k]), read_vortex(spots, truth[k])))
+    for picture, title in zip(rows[0], ("(a) phase", "amplitude", "(b) D, uniform average",
+                                        "D through spots")):
+        picture.set(title=title, xlim=box[:2], ylim=box[2:], xticks=(0, 5, 10, 15),
+                    yticks=(0, 5, 10, 15))
+    for picture in rows[1]:
+        picture.set_xlabel("x, lenslets of 20 mm")
     figure.suptitle("Fig. 9: Gaussian beam after 100 km, Cn² = 4·10⁻¹⁸ m^(−2/3), 10 screens; "
-                    "D in rad, Σ the 3×3 sum", fontsize=10.5)
-    save(figure, folder, "figure9.png", 256)
+                    "peak D and 3×3 sum Σ, rad", fontsize=10.5)
+    save(figure, folder, "figure9.png")
     return found
 
 
-def search(sensor, seeds):
-    """Which of many realisations hold an isolated pair or a close dipole, and what D is typical."""
-    counts, isolated, close, lone = {}, [], [], []
+def draw_readings(lone, close, seeds, folder):
+    """What was read in many realisations, with the paper's readings as lines."""
+    figure, (peaks, sums, pairs) = plt.subplots(1, 3, figsize=(10, 3.3), constrained_layout=True)
+    for axes, column, paper, bins in ((peaks, 0, PAPER_WIDE_D, np.arange(0, 5.6, 0.25)),
+                                      (sums, 1, PAPER_WIDE_SUM, np.arange(0, 8.1, 0.25))):
+        axes.hist(lone[:, column], bins, color=PLUS, alpha=0.55, label="uniform average")
+        axes.hist(lone[:, 2 + column], bins, color=MINUS, alpha=0.45, label="through spots")
+        axes.set_ylim(0, 1.35 * axes.get_ylim()[1])  # room for the legend
+        for value in paper:
+            axes.axvline(abs(value), color=INK, lw=1)
+        axes.legend(fontsize=8, loc="upper left")
+        axes.set_ylabel("vortices")
+    peaks.set(title="vortices 2 w or more from any other", xlabel="peak |D|, rad; lines: 2.95, 3.54")
+    sums.set(title="the same", xlabel="|3×3 sum|, rad; lines: 5.86, 6.20")
+    pairs.plot(close[:, 0], close[:, 1], "o", ms=3.5, color=PLUS, label="uniform average")
+    pairs.plot(close[:, 0], close[:, 2], "o", ms=3.5, mfc="none", color=MINUS, label="through spots")
+    pairs.axhline(PAPER_CLOSE_D, color=INK, lw=1)
+    pairs.set(title="close pairs, all else 2 w off or more", ylabel="peak D of the positive vortex, rad",
+              xlabel="distance between the two, w; line: D = 1.41", xlim=(0, 2), ylim=(-0.3, 5))
+    pairs.legend(fontsize=8, loc="upper left")
+    figure.suptitle(f"What is read of vortices in {seeds} beams like that of Fig. 9", fontsize=10.5)
+    save(figure, folder, "figure9_readings.png")
+
+
+def print_distribution(name, values, paper):
+    least, low, middle, high, most = np.percentile(values, [0, 10, 50, 90, 100])
+    print(f"{name}: mean {np.mean(values):.2f} ± {np.std(values) / math.sqrt(len(values)):.2f}, least "
+          f"{least:.2f}, 10 % below {low:.2f}, median {middle:.2f}, 10 % above {high:.2f}, most "
+          f"{most:.2f}; " + ", ".join(f"{100 * np.mean(values > abs(value)):.0f} % above "
+                                      f"{abs(value):.2f}" for value in paper))
+
+
+def search(sensor, seeds, folder):
+    """What many realisations hold, and what is read of their vortices."""
+    counts, lone, close, alike = {}, [], [], []
     for seed in range(1, seeds + 1):
-        name = f"beam{seed}.fits"
-        sensor.simulate("chen2007", ["--seed", seed], name)
-        truth = fits.getdata(sensor.curlew.path(name), "TRUTH")
+        _, truth, spots, uniform = propagate(sensor, seed)
         counts[len(truth)] = counts.get(len(truth), 0) + 1
-        if len(truth) > 0:
-            d = sensor.circulation(name)[0]
-            place = truth["X"] + 1j * truth["Y"]
-            for k, vortex in enumerate(truth):
-                others = np.abs(np.delete(place, k) - place[k])
-                values = round_node(d, vortex["X"], vortex["Y"])
-                if values and vortex["SEPARATION"] >= 2 and others.min(initial=math.inf) >= 2:
-                    lone.append([value * vortex["CHARGE"] for value in values])
-            for i, j, apart, rest in opposite_pairs(truth):
-                values = [round_node(d, truth[k]["X"], truth[k]["Y"]) for k in (i, j)]
-                if None in values or rest < 3 or not (apart >= 2 or 0.3 <= apart <= 1):
-                    continue
-                line = (f"seed {seed}: {apart:.2f} w apart, all else {rest:.2f} w off; D "
-                        f"{values[0][0]:+.2f} {values[1][0]:+.2f}, 3×3 sums {values[0][1]:+.2f} "
-                        f"{values[1][1]:+.2f}")
-                (isolated if apart >= 2 else close).append(line)
-        os.remove(sensor.curlew.path(name))
+        reads = [(read_vortex(uniform, vortex), read_vortex(spots, vortex)) for vortex in truth]
+        place = truth["X"] + 1j * truth["Y"]
+        for k, vortex in enumerate(truth):
+            others = np.abs(np.delete(place, k) - place[k])
+            if reads[k][0] and vortex["SEPARATION"] >= 2 and others.min(initial=math.inf) >= 2:
+                lone.append([*reads[k][0], *reads[k][1]])
+        for i, j, apart, rest in opposite_pairs(truth):
+            if apart < 2 and rest >= 2 and reads[i][0] and reads[j][0]:
+                plus = i if truth["CHARGE"][i] > 0 else j
+                close.append([apart, reads[plus][0].peak, reads[plus][1].peak, seed])
+        found = wide_and_close(truth)
+        if found and all(read[0] for read in reads):
+            alike.append(f"seed {seed}: " + "; ".join(
+                f"{apart:.2f} w apart, " + " and ".join(
+                    f"{truth['CHARGE'][k] * reads[k][0].peak:+.2f} (sum "
+                    f"{truth['CHARGE'][k] * reads[k][0].total:+.2f})" for k in (i, j))
+                for i, j, apart in found))
     print(f"{seeds} realisations; vortices on the array: " +
           ", ".join(f"{n} in {counts[n]}" for n in sorted(counts)))
-    if lone:
-        mean, error = np.mean(lone, 0), np.std(lone, 0) / math.sqrt(len(lone))
-        print(f"{len(lone)} vortices 2 w or more from any other, through spots: D on average "
-              f"{mean[0]:.2f} ± {error[0]:.2f}, 3×3 sum {mean[1]:.2f} ± {error[1]:.2f}")
-    print(f"\nisolated pairs (2 w apart or more, all else 3 w off): {len(isolated)}")
-    print("\n".join(isolated))
-    print(f"\nclose dipoles (.3 to 1 w apart, all else 3 w off): {len(close)}")
-    print("\n".join(close))
+    if not lone or not close:
+        return
+    lone, close = np.array(lone), np.array(close)
+    print(f"\n{len(lone)} vortices 2 w or more from any other, the charge's sign taken out:")
+    for column, name, paper in ((0, "peak D, uniform average", PAPER_WIDE_D),
+                                (2, "peak D, through spots", PAPER_WIDE_D),
+                                (1, "3×3 sum, uniform average", PAPER_WIDE_SUM),
+                                (3, "3×3 sum, through spots", PAPER_WIDE_SUM)):
+        print_distribution(name, lone[:, column], paper)
+    print(f"\n{len(close)} opposite pairs less than 2 w apart, all else 2 w off or more:")
+    print_distribution("peak D of the positive one, uniform average", close[:, 1], [PAPER_CLOSE_D])
+    print_distribution("peak D of the positive one, through spots", close[:, 2], [PAPER_CLOSE_D])
+    for low, high in ((0, 0.5), (0.5, 1), (1, 2)):
+        some = close[(low <= close[:, 0]) & (close[:, 0] < high)]
+        if len(some) > 0:
+            print(f"  {low:g} to {high:g} w apart: {len(some)}, uniform average "
+                  f"{some[:, 1].min():.2f} to {some[:, 1].max():.2f}, through spots "
+                  f"{some[:, 2].min():.2f} to {some[:, 2].max():.2f}")
+    apart, uniform, _, seed = close[np.argmin(np.abs(close[:, 1] - PAPER_CLOSE_D))]
+    print(f"  nearest to {PAPER_CLOSE_D}: seed {seed:.0f}, {apart:.2f} w apart, {uniform:.2f}")
+    print(f"\nas in the paper's Fig. 9, a wide and a close pair and nothing else: {len(alike)}")
+    print("\n".join(alike))
+    draw_readings(lone, close, seeds, folder)
 
 
-# The table ----------------------------------------------------------------------------------------
+# The paper's appendix -----------------------------------------------------------------------------
 
 
-def print_row(name, paper, known, ours, digits=6):
-    known = "-" if known is None else f"{known:.{digits}f}"
-    print(f"{name:58} {paper:>12} {known:>12} {ours:12.{digits}f}")
+def appendix(morphology, mu, nu, log, arctan):
+    """D of Eq. (A1), term for term. Its second half is the first with x and y exchanged. `arctan`
+    is of a numerator and a denominator."""
+    alpha, beta = morphology
+    b, c = math.sin(alpha) * math.sin(beta), math.cos(alpha)
+
+    def half(m, n, a):
+        def q(x, y):  # −|u|²
+            return log(2 * x * y * b - x * x * (2 - a) - y * y * a)
+
+        d = m * (arctan(m * b - (n + 1) * a, m * c) - arctan(m * b - (n - 1) * a, m * c))
+        for sign in (1, -1):
+            x = m + sign
+            d = d + x / (2 * a) * ((a - sign * b) * arctan(x * b - (n - 1) * a, x * c)
+                                   - (a + sign * b) * arctan(x * b - (n + 1) * a, x * c))
+            d = d - sign * x * b / a * arctan(n * a - x * b, x * c)
+            d = d + sign * x * c / (4 * a) * (q(x, n - 1) + q(x, n + 1) - 2 * q(x, n))
+        return d
+
+    minus = 1 - math.sin(alpha) * math.cos(beta)
+    return half(mu, nu, minus) + half(nu, mu, 2 - minus)
+
+
+def print_appendix(curlew):
+    """Eq. (A1) against `curlew kernel`, with the logarithms of magnitudes and as printed."""
+    def magnitude(q):
+        return np.log(np.abs(q))
+
+    def arctan(numerator, denominator):
+        return np.arctan(np.divide(numerator, denominator))
+
+    with np.errstate(all="ignore"):
+        worst, undefined, positions = 0.0, 0, 0
+        for morphology in (ROUND, FIG7, FIG8, (0.7, 1.0), (2.5, 4.0)):
+            ours = curlew.kernel(morphology, extent=2, step=0.07)  # never just ±1
+            mu, nu = np.meshgrid(ours["positions"], ours["positions"])
+            worst = max(worst, np.abs(appendix(morphology, mu, nu, magnitude, arctan)
+                                      - ours["circulation_rad"]).max())
+            undefined += np.isnan(appendix(morphology, mu, nu, np.log, arctan)).sum()
+            positions += mu.size
+        mu, nu = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0) if x or y]).T
+        corners = np.isnan(appendix(ROUND, mu, nu, magnitude, arctan)).sum()
+        print(f"{'Eq. A1 with ln|.|, greatest difference from curlew':62} {'0':>12} {worst:12.1e}")
+        print_row("Eq. A1 with ln as printed, % of positions not a number", "0",
+                  100 * undefined / positions, 1)
+        print_row("Eq. A1 with ln|.|, of 8 corners and middles not a number", "0", corners, 0)
+        for name, inverse in (("arctan", arctan), ("atan2", np.arctan2)):
+            print_row(f"Eq. A1 with ln|.| and {name} at (.3, .2), alpha .7, beta 1", "-",
+                      appendix((0.7, 1.0), 0.3, 0.2, magnitude, inverse))
+
+
+# The values ---------------------------------------------------------------------------------------
+
+
+def print_row(name, paper, ours, digits=6):
+    print(f"{name:62} {paper:>12} {ours:12.{digits}f}")
 
 
 def at(kernel, mu, nu):
@@ -370,50 +524,99 @@ def at(kernel, mu, nu):
     return kernel["circulation_rad"][row, col]
 
 
+def falls_to(kernel, direction, level):
+    """How far from the node, in pitches, D has fallen to a level."""
+    half = len(kernel["positions"]) // 2
+    d = [kernel["circulation_rad"][half + i * direction[1], half + i * direction[0]]
+         for i in range(half + 1)]
+    i = next(i for i, value in enumerate(d) if value < level)
+    steps = i - (level - d[i]) / (d[i - 1] - d[i])
+    return steps * kernel["positions"][half + 1] * math.hypot(*direction)
+
+
 def print_values(curlew, sensor, maps, beams):
-    (round_core, weighted), (fig7, _), (fig8, _) = maps
-    print(f"{'rad unless said':58} {'paper':>12} {'known':>12} {'curlew':>12}")
-    print_row("Fig. 5 round core on the node: pi + 2 ln 2", "-", 4.527887014709684,
-              round_core["peak_rad"])
-    print_row("Fig. 5 at (1, 1)", "-", -0.3966410308617583, at(round_core, 1, 1))
-    print_row("Fig. 5 least D", "-", -0.4107301049, round_core["minimum"]["circulation_rad"])
-    for label, key, low, high in (("nearest node", "nearest", 1.487, 4.528),
-                                  ("2x2 round the lenslet", "2x2", 5.728, 5.978),
-                                  ("3x3 round the node", "3x3", 6.1249, 6.1371)):
-        sums = round_core["sums_rad"][key]
-        print_row(f"Fig. 5 {label}, least over positions", "-", low, sums["least"], 4)
-        print_row(f"Fig. 5 {label}, most over positions", "-", high, sums["most"], 4)
-    print_row("Fig. 6 alpha 89, beta 0", "-", 3.233074,
-              curlew.kernel((math.radians(89), 0.0))["peak_rad"])
-    print_row("Fig. 6 alpha 89, beta 90", "-", 6.130695,
-              curlew.kernel((math.radians(89), math.pi / 2))["peak_rad"])
-    print_row("Fig. 7 peak", "about 4.5", 4.319620, fig7["peak_rad"])
-    print_row("Fig. 7 at (.5, 0)", "-", 2.670063922, at(fig7, 0.5, 0))
-    print_row("Fig. 7 at (0, .5)", "-", 3.049048722, at(fig7, 0, 0.5))
-    print_row("Fig. 8 peak", "about 5", 5.524402, fig8["peak_rad"])
-    print_row("Fig. 8 at (.5, .5)", "-", 2.427911155, at(fig8, 0.5, 0.5))
-    print_row("Fig. 8 at (.5, -.5)", "-", 0.523797650, at(fig8, 0.5, -0.5))
-    print_row("Fig. 8 slow axis from +mu towards +nu, degrees", "-", 45.0, fig8["slow_axis_deg"], 2)
+    wide = dict(zip(("5", "7", "8"), maps))
+    fine = {number: curlew.kernel(morphology, extent=1, step=0.01)
+            for number, morphology in (("5", ROUND), ("7", FIG7), ("8", FIG8))}
 
-    def peak(morphology):
-        return curlew.kernel(morphology, "intensity")["peak_rad"]
+    def half_width(number, where, direction):
+        print_row(f"Fig. {number} distance to half the peak, {where}", "-",
+                  falls_to(fine[number], direction, 0.5 * fine[number]["peak_rad"]), 3)
 
-    print_row("intensity-weighted, round core", "-", 3.0, peak(ROUND))
-    cell = list(weighted["positions"])
-    nodes = [cell.index(min(cell, key=lambda p: abs(p - n))) for n in (-1, 0, 1)]
-    print_row("intensity-weighted, round core, 3x3 sum", "-", 5.7857,
-              weighted["circulation_rad"][np.ix_(nodes, nodes)].sum(), 4)
-    print_row("intensity-weighted, Fig. 7's core", "-", 2.12, peak(FIG7), 2)
-    print_row("intensity-weighted, Fig. 8's core", "-", 1.15, peak(FIG8), 2)
-    print_row("simulated spots, uniform amplitude", "-", 4.23,
+    def least(number, paper):
+        minimum = fine[number]["minimum"]
+        print_row(f"Fig. {number} least D", paper, minimum["circulation_rad"])
+        for axis in ("mu", "nu"):
+            print_row(f"Fig. {number} least D, |{axis}|", "1" if number == "5" else "-",
+                      abs(minimum[axis]), 4)
+
+    print(f"{'rad, pitches or as said':62} {'paper':>12} {'curlew':>12}")
+    print_row("Eq. 8 sum of D over 41 x 41 cells, round core", "6.283185",
+              curlew.around_node(ROUND, 20).sum())
+    print_row("Eq. 13 w times the mean gradient, D/4", "1.131972", fine["5"]["peak_rad"] / 4)
+    print_row("Eq. 14 round core on the node", "4.527887", fine["5"]["peak_rad"])
+    print_row("Eq. 16 round core at (1, 1)", "-0.396641", at(fine["5"], 1, 1))
+    least("5", "-0.396641")
+    for mu, nu in ((1, 0), (1.5, 0), (2, 0), (1.5, 1.5), (2, 2)):
+        print_row(f"Fig. 5 at ({mu:g}, {nu:g})", "near 0", at(wide["5"], mu, nu))
+    half_width("5", "nu = 0", (1, 0))
+    half_width("5", "nu = mu", (1, 1))
+    print_row("Fig. 5 mu = nu where D is 0", "never", falls_to(fine["5"], (1, 1), 0) / math.sqrt(2), 4)
+    for name, key in (("nearest node", "nearest"), ("2x2 round the lenslet", "2x2"),
+                      ("3x3 round the node", "3x3")):
+        for end in ("least", "mean", "most"):
+            print_row(f"Fig. 5 {name}, {end} over positions",
+                      "near 6.28" if key == "2x2" else "-", fine["5"]["sums_rad"][key][end], 4)
+    for alpha, sign in ((89.9, ""), (90.1, "-")):
+        for beta, paper in ((0, "pi"), (90, "2 pi")):
+            print_row(f"Fig. 6 alpha {alpha}, beta {beta}", sign + paper, curlew.peak(alpha, beta))
+    print_row("Fig. 6 alpha 180", "4.53", curlew.peak(180, 0))
+    for alpha in (15, 45, 80, 89):
+        print_row(f"Fig. 6 alpha {alpha}, spread over beta", "-",
+                  np.ptp([curlew.peak(alpha, beta) for beta in range(0, 360, 45)]))
+    print_row("Fig. 7 peak", "about 4.5", fine["7"]["peak_rad"])
+    print_row("Fig. 7 slow axis from +mu towards +nu, degrees", "90", fine["7"]["slow_axis_deg"], 2)
+    half_width("7", "nu = 0", (1, 0))
+    half_width("7", "mu = 0", (0, 1))
+    half_width("7", "nu = mu", (1, 1))
+    for mu, nu in ((0.5, 0), (0, 0.5), (1.5, 0), (0, 1.5)):
+        print_row(f"Fig. 7 at ({mu:g}, {nu:g})", "-", at(wide["7"], mu, nu))
+    least("7", "below 0")
+    print_row("Fig. 8 peak", "about 5", fine["8"]["peak_rad"])
+    print_row("Fig. 8 slow axis from +mu towards +nu, degrees", "-45", fine["8"]["slow_axis_deg"], 2)
+    half_width("8", "nu = 0", (1, 0))
+    half_width("8", "nu = mu", (1, 1))
+    half_width("8", "nu = -mu", (1, -1))
+    for mu, nu in ((0.5, 0.5), (0.5, -0.5)):
+        print_row(f"Fig. 8 at ({mu:g}, {nu:g})", "-", at(wide["8"], mu, nu))
+    least("8", "-")
+    for number in ("7", "8"):
+        for end in ("least", "most"):
+            print_row(f"Fig. {number} 3x3 round the node, {end} over positions", "-",
+                      fine[number]["sums_rad"]["3x3"][end], 4)
+    print_appendix(curlew)
+    for name, morphology, digits in (("round core", ROUND, 6), ("Fig. 7's core", FIG7, 6),
+                                     ("Fig. 8's core", FIG8, 6)):
+        print_row(f"intensity-weighted, {name}", "-",
+                  curlew.kernel(morphology, "intensity")["peak_rad"], digits)
+    nine = curlew.kernel(ROUND, "intensity", extent=1, step=1)["circulation_rad"]
+    print_row("intensity-weighted, round core, 3x3 sum", "-", nine.sum(), 4)
+    print_row("simulated spots, uniform amplitude", "4.527887",
               sensor.node_circulation(ROUND, amplitude="uniform")[0], 2)
-    print_row("simulated spots, round core", "-", 3.04, sensor.node_circulation(ROUND)[0], 2)
-    print_row("simulated spots, Fig. 7's core", "-", None, sensor.node_circulation(FIG7)[0], 2)
-    print_row("simulated spots, Fig. 8's core", "-", None, sensor.node_circulation(FIG8)[0], 2)
-    for name, seed, charge, apart, d, total, flat, flat_total in beams:
-        print(f"Fig. 9 {name} (seed {seed}), {apart:.2f} w apart, charge {charge:+d}: through spots "
-              f"D {d:+.2f}, 3x3 {total:+.2f}; averaged uniformly D {flat:+.2f}, "
-              f"3x3 {flat_total:+.2f}")
+    for name, morphology in (("round core", ROUND), ("Fig. 7's core", FIG7),
+                             ("Fig. 8's core", FIG8)):
+        print_row(f"simulated spots, {name}", "-", sensor.node_circulation(morphology)[0], 2)
+    paper = {("wide", 1): (PAPER_WIDE_D[0], PAPER_WIDE_SUM[0]),
+             ("wide", -1): (PAPER_WIDE_D[1], PAPER_WIDE_SUM[1]),
+             ("close", 1): (PAPER_CLOSE_D, None)}
+    for name, apart, charge, uniform, spots in beams:
+        known = paper.get((name.split()[-1], charge), (None, None))
+        who = f"Fig. 9 {name}, {apart:.2f} w, {charge:+d}: "
+        for what, said, values in (("D", known[0], (uniform.peak, spots.peak)),
+                                   ("3x3 sum", known[1], (uniform.total, spots.total))):
+            for kind, value in zip(("", ", spots"), values):
+                print_row(f"{who}{what}{kind}", "-" if said is None else f"{said:.2f}",
+                          charge * value, 2)
 
 
 def main():
@@ -421,13 +624,14 @@ def main():
     parser.add_argument("curlew", help="the program")
     parser.add_argument("out", help="folder for the figures")
     parser.add_argument("--quick", action="store_true", help="coarser, and without Fig. 9")
-    parser.add_argument("--search", type=int, metavar="N", help="only look through seeds 1 to N")
+    parser.add_argument("--search", type=int, metavar="N",
+                        help="only look through seeds 1 to N, and draw what is read in them")
     arguments = parser.parse_args()
     os.makedirs(arguments.out, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         curlew = Curlew(arguments.curlew, folder)
         if arguments.search:
-            search(Sensor(curlew, 16), arguments.search)
+            search(Sensor(curlew, 16), arguments.search, arguments.out)
             return
         sensor = Sensor(curlew, 12)
         step = 0.25 if arguments.quick else 0.05

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <map>
+#include <numbers>
 #include <sstream>
 #include <string>
 
@@ -49,29 +50,52 @@ TEST(PaperFigures, QuickFormPrintsTheValues) {
     double tolerance;  // half a unit of the last digit printed; spots: see below
   };
   // Windows of ±4 λ/w and 32 field samples a lenslet: VortexTruth has the same .05 for spots.
+  constexpr double kPi = std::numbers::pi;
   constexpr double kSix = 0.51e-6;
   constexpr double kFour = 0.51e-4;
   constexpr double kSpots = 0.06;
   const auto rows = rows_of(said);
   for (const Expected& row : {
-           Expected{"Fig. 5 round core on the node: pi + 2 ln 2", 4.527887014709684, kSix},
-           {"Fig. 5 at (1, 1)", -0.3966410308617583, kSix},
+           Expected{"Eq. 8 sum of D over 41 x 41 cells, round core", 2 * kPi, 1e-3},  // 1/r⁴ beyond
+           {"Eq. 13 w times the mean gradient, D/4", 1.131971753677421, kSix},
+           {"Eq. 14 round core on the node", 4.527887014709684, kSix},
+           {"Eq. 16 round core at (1, 1)", -0.3966410308617583, kSix},
            {"Fig. 5 least D", -0.4107301049, kSix},
+           {"Fig. 5 least D, |mu|", 0.971810, 0.51e-4},
+           {"Fig. 5 least D, |nu|", 1.0, kFour},
+           {"Fig. 5 at (1, 0)", 0.798362936, kSix},
+           {"Fig. 5 at (2, 0)", 0.059602407, kSix},
+           {"Fig. 5 at (2, 2)", -0.015835041, kSix},
+           {"Fig. 5 mu = nu where D is 0", 0.82215773, 2e-4},  // interpolated in steps of .01
            {"Fig. 5 nearest node, least over positions", 1.4867, kFour},
            {"Fig. 5 nearest node, most over positions", 4.5279, kFour},
            {"Fig. 5 2x2 round the lenslet, least over positions", 5.728, 5e-4},
            {"Fig. 5 2x2 round the lenslet, most over positions", 5.978, 5e-4},
            {"Fig. 5 3x3 round the node, least over positions", 6.1249, kFour},
            {"Fig. 5 3x3 round the node, most over positions", 6.1371, kFour},
-           {"Fig. 6 alpha 89, beta 0", 3.233074, kSix},
-           {"Fig. 6 alpha 89, beta 90", 6.130695, kSix},
+           {"Fig. 6 alpha 89.9, beta 0", kPi, 0.02},  // the limit is at 90°
+           {"Fig. 6 alpha 89.9, beta 90", 2 * kPi, 0.03},
+           {"Fig. 6 alpha 90.1, beta 0", -kPi, 0.02},
+           {"Fig. 6 alpha 90.1, beta 90", -2 * kPi, 0.03},
+           {"Fig. 6 alpha 180", -4.527887014709684, kSix},
+           {"Fig. 6 alpha 15, spread over beta", 4.549194 - 4.506644, 2 * kSix},
+           {"Fig. 6 alpha 89, spread over beta", 6.130695 - 3.233074, 2 * kSix},
            {"Fig. 7 peak", 4.319620, kSix},
-           {"Fig. 7 at (.5, 0)", 2.670063922, kSix},
-           {"Fig. 7 at (0, .5)", 3.049048722, kSix},
+           {"Fig. 7 slow axis from +mu towards +nu, degrees", 0.0, 1e-9},
+           {"Fig. 7 at (0.5, 0)", 2.670063922, kSix},
+           {"Fig. 7 at (0, 0.5)", 3.049048722, kSix},
+           {"Fig. 7 at (1.5, 0)", 0.310083882, kSix},
+           {"Fig. 7 at (0, 1.5)", 0.082030878, kSix},
            {"Fig. 8 peak", 5.524402, kSix},
-           {"Fig. 8 at (.5, .5)", 2.427911155, kSix},
-           {"Fig. 8 at (.5, -.5)", 0.523797650, kSix},
            {"Fig. 8 slow axis from +mu towards +nu, degrees", 45.0, 1e-9},
+           {"Fig. 8 at (0.5, 0.5)", 2.427911155, kSix},
+           {"Fig. 8 at (0.5, -0.5)", 0.523797650, kSix},
+           {"Fig. 8 least D", -0.519330961, kSix},
+           {"Eq. A1 with ln|.|, greatest difference from curlew", 0.0, 5e-14},  // rounding
+           {"Eq. A1 with ln as printed, % of positions not a number", 100.0, 0.0},
+           {"Eq. A1 with ln|.|, of 8 corners and middles not a number", 8.0, 0.0},
+           {"Eq. A1 with ln|.| and arctan at (.3, .2), alpha .7, beta 1", 3.079614607803, kSix},
+           {"Eq. A1 with ln|.| and atan2 at (.3, .2), alpha .7, beta 1", -4.472026, kSix},
            {"intensity-weighted, round core", 3.0, kSix},
            {"intensity-weighted, round core, 3x3 sum", 5.7857, kFour},
            {"intensity-weighted, Fig. 7's core", 2.12, 0.005},
