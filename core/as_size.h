@@ -1,4 +1,4 @@
-// as_size: a count or an index as the standard containers take it.
+// as_size turns a count or an index into the type that the standard containers take.
 #pragma once
 
 #include <cstddef>

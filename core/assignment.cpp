@@ -55,8 +55,9 @@ void Assignment::solve() noexcept {
   for (std::size_t row = 0; row < rows_; ++row) place(row);
 }
 
-// Costs are −gain. What it takes to give `first` a column, the rows in its way another each, until
-// a column is free or a row is better off without; reduced costs, so that none is negative.
+// Gives `first` a column along the cheapest path, where the cost of a pair is −gain. Each row that
+// loses its column on the path takes another one, until a column is free or it is cheapest to leave
+// a row free. Prices reduce the costs so that the cost never falls along a path.
 void Assignment::place(std::size_t first) noexcept {
   std::size_t n_reached = 0;
   const auto reach_from = [&](std::size_t row, float so_far) {
@@ -72,10 +73,10 @@ void Assignment::place(std::size_t first) noexcept {
       }
     }
   };
-  // so_far of a row: the path's cost less the reduced cost of its own pair, which is 0, so that
-  // leaving the row free costs just so_far.
+  // so_far is the cost of the path up to a row that has lost its column. Leaving that row free
+  // costs nothing more, because the reduced cost of a pair that is assigned is 0.
   reach_from(first, 0.0F);
-  float free_cost = 0.0F;  // of the cheapest way that ends with a row left free
+  float free_cost = 0.0F;  // cost of the cheapest path that leaves a row free
   auto freed = static_cast<std::int32_t>(first);
   std::int32_t end = -1;
   float end_cost = 0.0F;
@@ -100,7 +101,7 @@ void Assignment::place(std::size_t first) noexcept {
       break;
     }
     settled_[as_size(next)] = 1;
-    // Taking `next` from its holder: gives back the gain of their pair.
+    // The holder of `next` loses it, so the path gives back the gain of their pair.
     float gain = 0.0F;
     for (std::int32_t k = 0; k < pair_count_[as_size(holder)]; ++k) {
       const Pair& pair = pairs_[as_size(holder) * pairs_per_row_ + as_size(k)];
@@ -119,7 +120,7 @@ void Assignment::place(std::size_t first) noexcept {
     settled_[col] = 0;
     cost_[col] = kUnreached;
   }
-  // Turn the path round, from its end to `first`.
+  // This assigns the pairs along the path, from its end back to `first`.
   std::int32_t col = end;
   if (end < 0) {
     if (freed == static_cast<std::int32_t>(first)) return;

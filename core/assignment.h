@@ -1,4 +1,5 @@
-// The best one-to-one assignment between two small sets, few pairs of which are possible.
+// An Assignment pairs the members of two small sets one to one, of which only few pairs are
+// possible.
 #pragma once
 
 #include <cstddef>
@@ -8,23 +9,25 @@
 
 namespace curlew {
 
-/// Solves for the greatest total gain, by shortest augmenting paths with prices (R. Jonker and
-/// A. Volgenant, Computing 38, 325, 1987) over the pairs that are possible alone: a path never
-/// leaves the cluster it begins in. Whoever gains nothing stays free.
+/// Finds the assignment of greatest total gain by shortest augmenting paths with prices (R. Jonker
+/// and A. Volgenant, Computing 38, 325, 1987). It looks only at the pairs that were allowed, so a
+/// path never leaves the cluster of rows and columns in which it begins. A row or column for which
+/// no pair is worth its gain stays free. Nothing is allocated after the constructor.
 class Assignment {
  public:
-  /// pairs_per_row: of more, those of least gain are left out.
+  /// max_rows, max_cols: the most that clear() may ask for. pairs_per_row: the most pairs that a
+  /// row keeps; if more are allowed, those of least gain are left out.
   Assignment(std::size_t max_rows, std::size_t max_cols, std::size_t pairs_per_row);
 
-  /// Begins anew with so many, at most those of the constructor.
+  /// Forgets all pairs and begins a problem of `rows` × `cols`, at most those of the constructor.
   void clear(std::size_t rows, std::size_t cols) noexcept;
-  /// A pair that may be assigned. Only what gains more than 0 counts.
+  /// Allows the pair (row, col) to be assigned. A pair whose gain is not above 0 is ignored.
   void allow(std::size_t row, std::size_t col, float gain) noexcept;
   void solve() noexcept;
 
-  /// After solve(): the column of each row, −1 where it is free.
+  /// Returns the column of each row after solve(), −1 for a free row.
   std::span<const std::int32_t> col_of_row() const { return {col_of_row_.data(), rows_}; }
-  /// After solve(): the row of each column, −1 where it is free.
+  /// Returns the row of each column after solve(), −1 for a free column.
   std::span<const std::int32_t> row_of_col() const { return {row_of_col_.data(), cols_}; }
 
  private:
@@ -39,10 +42,12 @@ class Assignment {
   std::size_t cols_ = 0;
   std::vector<Pair> pairs_;               // [max rows, pairs_per_row]
   std::vector<std::int32_t> pair_count_;  // [max rows]
-  std::vector<std::int32_t> col_of_row_;
-  std::vector<std::int32_t> row_of_col_;
-  std::vector<float> price_;  // of a column
-  // Of the search from one row: what reaching each column costs, from which row, in which order.
+  std::vector<std::int32_t> col_of_row_;  // [max rows]
+  std::vector<std::int32_t> row_of_col_;  // [max cols]
+  std::vector<float> price_;              // [max cols]
+  // The search from one row uses the following. For each column, cost_ is what it costs to reach
+  // it, reached_from_ is the row before it on the path, and settled_ says whether its cost is
+  // final. reached_ lists the columns in the order in which they were reached.
   std::vector<float> cost_;
   std::vector<std::int32_t> reached_from_;
   std::vector<std::uint8_t> settled_;

@@ -1,4 +1,4 @@
-// Centroids: one spot's moments per lenslet.
+// Centroids holds the moments of one spot per lenslet.
 #pragma once
 
 #include <cstdint>
@@ -7,19 +7,20 @@
 
 namespace curlew {
 
-/// Whether a lenslet's spot counts in this frame, and if not, why.
+/// Says whether a lenslet's spot counts in this frame, and if not, why.
 enum class LensletState : std::uint8_t {
   kValid = 0,
-  kUnlit,      ///< outside the pupil: not part of the plan
+  kUnlit,      ///< the lenslet lies outside the pupil and is not part of the plan
   kFaint,      ///< too little light above the threshold
   kSaturated,  ///< a pixel in the window is saturated
   kAtEdge,     ///< the spot has left, or nearly left, its window
   kBadPixels,  ///< too much of the window is bad
 };
 
-/// All maps are [rows, cols] of lenslets. Where state is kFaint or kAtEdge the other values are as
-/// measured, for who can do with weak spots, or 0 where no light exceeds the threshold. Where it is
-/// anything else but kValid they are 0 and mean nothing (flux keeps what was measured).
+/// All maps are [rows, cols] of lenslets. A kValid spot has all values. A kFaint or kAtEdge spot
+/// has them too, for those stages that can use weak spots; they are 0 if no light exceeds the
+/// threshold. In every other state the values are 0 and mean nothing, but flux_adu keeps what was
+/// measured.
 struct Centroids {
   Centroids(int rows, int cols)
       : x_px(rows, cols),
@@ -33,9 +34,9 @@ struct Centroids {
         covariance_xy_px2(rows, cols),
         state(rows, cols, LensletState::kUnlit) {}
 
-  Image<float> x_px;  ///< spot position on the detector
+  Image<float> x_px;  ///< position of the spot on the detector
   Image<float> y_px;
-  Image<float> flux_adu;  ///< above threshold
+  Image<float> flux_adu;  ///< light above the threshold
   Image<float> xx_px2;    ///< central second moments of the spot
   Image<float> yy_px2;
   Image<float> xy_px2;

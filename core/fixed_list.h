@@ -1,4 +1,4 @@
-// FixedList: a list with a capacity set once, which counts what did not fit.
+// A FixedList is a list with a capacity that is set once; it counts what did not fit.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,8 @@ class FixedList {
  public:
   explicit FixedList(std::size_t capacity) : items_(capacity) {}
 
-  /// Appends, or counts an overflow when full. Never allocates.
+  /// Appends the item, or counts an overflow and returns false if the list is full. Never
+  /// allocates.
   bool push(const T& item) noexcept {
     if (size_ == items_.size()) {
       ++overflow_;
@@ -20,20 +21,20 @@ class FixedList {
     items_[size_++] = item;
     return true;
   }
-  /// Takes over the other's items, as far as they fit. Never allocates.
+  /// Copies the other's items as far as they fit, and its overflow. Never allocates.
   void assign(const FixedList& other) noexcept {
     clear();
     for (const T& item : other) push(item);
     overflow_ += other.overflow_;
   }
-  /// Counts items that did not fit where these come from.
+  /// Adds items to overflow() that did not fit into the list from which this one is filled.
   void add_overflow(int items) noexcept { overflow_ += items; }
   void clear() noexcept {
     size_ = 0;
     overflow_ = 0;
   }
 
-  /// Drops all items from `size` on, which is at most size().
+  /// Drops all items from index `size` on; size must be at most size().
   void shorten(std::size_t size) noexcept { size_ = size; }
 
   std::size_t size() const { return size_; }

@@ -1,4 +1,4 @@
-// Frame: what a camera, a recording or the simulator delivers.
+// This file describes the frames that a camera, a recording or the simulator delivers.
 #pragma once
 
 #include <atomic>
@@ -10,9 +10,10 @@
 
 namespace curlew {
 
-enum class PixelType : std::uint8_t { kU8 = 1, kU16 = 2 };  // the value is the bytes a pixel takes
+/// The value is the number of bytes that a pixel takes.
+enum class PixelType : std::uint8_t { kU8 = 1, kU16 = 2 };
 
-/// Bits of FrameHeader::status and of the STATUS columns in files.
+/// These are the bits of FrameHeader::status and of the STATUS columns in files (docs/files.md).
 enum FrameStatus : std::uint32_t {
   kFrameOk = 0,
   kFrameIncomplete = 1,
@@ -21,8 +22,8 @@ enum FrameStatus : std::uint32_t {
   kFrameGapBefore = 8,
 };
 
-/// What all frames of one source have in common.
-/// Counts are what is stored; physical ADU = zero_adu + scale_adu * count.
+/// Describes what all frames of one source have in common. Pixels store counts; a count stands for
+/// zero_adu + scale_adu · count in physical ADU.
 struct FrameFormat {
   int rows = 0;
   int cols = 0;
@@ -41,15 +42,15 @@ struct FrameFormat {
 };
 
 struct FrameHeader {
-  std::int64_t sequence = 0;     ///< the device's frame number; gaps are lost frames
-  bool renumbered = false;       ///< numbering starts anew here: nothing was lost before
-  std::int64_t camera_ns = 0;    ///< the device's own clock; 0 unknown
-  std::int64_t received_ns = 0;  ///< UTC since 1970, for files; never used for latency
-  std::chrono::steady_clock::time_point received{};  ///< latency is counted from here
-  std::uint32_t status = kFrameOk;
+  std::int64_t sequence = 0;     ///< frame number by the device's count; a gap means lost frames
+  bool renumbered = false;       ///< numbering starts anew here, so no loss before it is known
+  std::int64_t camera_ns = 0;    ///< time by the device's own clock; 0 if unknown
+  std::int64_t received_ns = 0;  ///< UTC since 1970, for files and never for latency
+  std::chrono::steady_clock::time_point received{};  ///< start of the latency
+  std::uint32_t status = kFrameOk;                   ///< bits of FrameStatus
 };
 
-/// Somebody else's pixels, whole rows without padding.
+/// Refers to the pixels of another owner: whole rows without padding.
 struct FrameView {
   const std::byte* pixels = nullptr;
   int rows = 0;
@@ -62,8 +63,8 @@ struct FrameView {
   }
 };
 
-/// Owns one frame's pixels. rows_ready counts the rows that may be read: a source that
-/// delivers rows early advances it, the others set it once to format.rows.
+/// Owns one frame's pixels. rows_ready counts the rows that may be read: a source that delivers
+/// rows early advances it, and the others set it once to format.rows.
 class FrameBuffer {
  public:
   explicit FrameBuffer(const FrameFormat& format) : format_(format), pixels_(format.bytes()) {}

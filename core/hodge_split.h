@@ -1,4 +1,4 @@
-// HodgeSplit: a slope field taken apart into its curl-free and its solenoidal part.
+// A HodgeSplit is a slope field taken apart into its curl-free and its solenoidal part.
 #pragma once
 
 #include "core/fixed_list.h"
@@ -6,18 +6,19 @@
 
 namespace curlew {
 
-/// What circulates round one hole of the pupil (static, or made by lenslets that faded).
+/// Holds the circulation round one hole of the pupil, which the sensor file has or faded lenslets
+/// made.
 struct HoleCirculation {
-  float x = 0;  ///< its centre, lenslet units
+  float x = 0;  ///< centre of the hole, lenslet units
   float y = 0;
-  /// rad; about 2π for one charge hiding in it. ½ (even loops + odd loops), or the loop itself
-  /// where one_sublattice.
+  /// Circulation in rad, about 2π for one charge that hides in the hole. It is ½ (even loops + odd
+  /// loops), or the one loop there is if one_sublattice is true.
   float circulation = 0;
   bool one_sublattice = false;
 };
 
-/// Slopes and phase are [rows, cols] of lenslets and 0 where the frame's slope is not valid;
-/// the potential is [rows-1, cols-1], one value a cell.
+/// Slopes, in rad per pitch, and phase are [rows, cols] of lenslets and 0 where the frame's slope
+/// is not valid. The potential is [rows-1, cols-1], one value per cell.
 struct HodgeSplit {
   HodgeSplit(int rows, int cols)
       : phase(rows, cols),
@@ -33,12 +34,12 @@ struct HodgeSplit {
   Image<float> curl_free_y;
   Image<float> solenoidal_x;
   Image<float> solenoidal_y;
-  /// ψ: solenoidal (x, y) = (−∂ψ/∂y, ∂ψ/∂x)/weight in the lattice's differences, 0 outside the
-  /// pupil. A positive vortex is a minimum of ψ.
+  /// This is ψ: the solenoidal slopes (x, y) are (−∂ψ/∂y, ∂ψ/∂x)/weight in the lattice's
+  /// differences. ψ is 0 outside the pupil, and a positive vortex is a minimum of it.
   Image<float> potential;
   FixedList<HoleCirculation> holes;
-  int iterations = 0;     ///< of conjugate gradients; 0 when solved directly
-  bool converged = true;  ///< false: the iteration limit came before the tolerance
+  int iterations = 0;     ///< steps of conjugate gradients; 0 if solved directly
+  bool converged = true;  ///< false if the iteration limit came before the tolerance
 };
 
 }  // namespace curlew

@@ -1,4 +1,4 @@
-// Image: an owned, row-major [row, col] array on a 64-byte boundary.
+// An Image is an owned, row-major [row, col] array on a 64-byte boundary.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,7 @@ namespace curlew {
 
 inline constexpr std::size_t kCacheLine = 64;
 
-/// Allocates on cache-line boundaries, which are also the widest vector register's.
+/// Allocates on cache-line boundaries, from which the widest vector register can load aligned.
 template <typename T>
 struct CacheLineAllocator {
   using value_type = T;
@@ -32,7 +32,7 @@ struct CacheLineAllocator {
 template <typename T>
 using AlignedVector = std::vector<T, CacheLineAllocator<T>>;
 
-/// A [rows, cols] array. Lenslet maps are indexed by (row, col) or by k = row*cols + col.
+/// Holds a [rows, cols] array. Lenslet maps are indexed by (row, col) or by k = row*cols + col.
 template <typename T>
 class Image {
  public:

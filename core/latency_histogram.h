@@ -1,4 +1,4 @@
-// LatencyHistogram: log-linear buckets, so that a percentile is right within 1/64 of itself.
+// A LatencyHistogram has log-linear buckets, so that a percentile is right within 1/64 of itself.
 #pragma once
 
 #include <algorithm>
@@ -10,8 +10,8 @@
 
 namespace curlew {
 
-/// Counts durations in ns. Below 128 ns buckets are exact; above, each power of two is cut into
-/// 64 equal buckets. record() is constant time and allocates nothing.
+/// Counts durations in ns. Below 128 ns buckets are exact; above, each power of two is cut into 64
+/// equal buckets. record() takes constant time and allocates nothing.
 class LatencyHistogram {
  public:
   void record(std::int64_t duration_ns) noexcept {
@@ -27,8 +27,8 @@ class LatencyHistogram {
     max_ns_ = std::max(max_ns_, other.max_ns_);
   }
 
-  /// The smallest duration (ns) that at least `fraction` of all do not exceed, rounded up to
-  /// its bucket's upper end; 0 when empty. fraction in [0, 1].
+  /// Returns the smallest duration, in ns, that at least `fraction` of all durations do not exceed,
+  /// rounded up to the upper end of its bucket; 0 if there are none. fraction lies in [0, 1].
   std::int64_t percentile_ns(double fraction) const noexcept {
     if (count_ == 0) return 0;
     const auto wanted = std::max<std::uint64_t>(

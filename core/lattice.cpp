@@ -64,14 +64,14 @@ void Lattice::label_components(const Image<std::uint8_t>& valid) noexcept {
   for (int c = 0; c < n_corners(); ++c) {
     if (component_[index(c)] < 0) continue;
     ++n_nodes_;
-    const int root = find(c);  // never after c: roots are the smallest of their set
+    const int root = find(c);  // A root is the smallest of its set, so it never comes after c.
     if (root == c) label_[index(c)] = n_components_++;
     component_[index(c)] = label_[index(root)];
   }
 }
 
 void Lattice::label_phase_groups(const Image<std::uint8_t>& valid) noexcept {
-  std::fill(label_.begin(), label_.end(), -1);  // first group of each even component
+  std::fill(label_.begin(), label_.end(), -1);  // Here it is the first group of an even component.
   n_phase_groups_ = 0;
   for (int k = 0; k < rows_ * cols_; ++k) {
     phase_group_[index(k)] = -1;
@@ -94,7 +94,7 @@ void Lattice::label_phase_groups(const Image<std::uint8_t>& valid) noexcept {
 }
 
 void Lattice::label_faces(const Image<std::uint8_t>& valid) noexcept {
-  // Elements 0 and 1 are the outsides of even and of odd corners, corner c is element c + 2.
+  // Elements 0 and 1 are the outsides of even and of odd corners; corner c is element c + 2.
   std::iota(parent_.begin(), parent_.end(), 0);
   for (int k = 0; k < rows_ * cols_; ++k) {
     if (valid[index(k)] != 0) continue;
@@ -136,7 +136,7 @@ void Lattice::label_holes(const Image<std::uint8_t>& valid) noexcept {
   holes_.clear();
   std::fill(hole_of_face_.begin(), hole_of_face_.end(), -1);
   for (int face = kOuterOdd + 1; face < n_faces_; ++face) {
-    if (face_size_[index(face)] == 1) continue;  // a cell
+    if (face_size_[index(face)] == 1) continue;  // This face is a cell.
     const int root = find(face);
     if (root == face) {
       label_[index(root)] = static_cast<int>(holes_.size());
@@ -144,8 +144,9 @@ void Lattice::label_holes(const Image<std::uint8_t>& valid) noexcept {
     }
     hole_of_face_[index(face)] = label_[index(root)];
   }
-  // Place and loops. A face of odd corners is circled by edges of even corners.
-  std::fill(label_.begin(), label_.end(), 0);  // corners of each hole
+  // This finds the place and the loops of each hole. Edges of even corners run round a face of odd
+  // corners.
+  std::fill(label_.begin(), label_.end(), 0);  // Here it counts the corners of each hole.
   for (int c = 0; c < n_corners(); ++c) {
     const int face = face_of(c);
     const int hole = hole_of_face(face);

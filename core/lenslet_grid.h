@@ -1,4 +1,4 @@
-// LensletGrid: where the lenslets' spots lie on the detector.
+// A LensletGrid says where the lenslets' spots lie on the detector.
 #pragma once
 
 #include <array>
@@ -7,8 +7,8 @@
 
 namespace curlew {
 
-/// A regular square grid: pixel = origin + P·(col, row).
-/// det P < 0 for a mirrored relay (rows run up the detector).
+/// Describes a regular square grid: pixel = origin + P·(col, row). det P is negative for a mirrored
+/// relay, behind which lenslet rows run up the detector.
 struct LensletGrid {
   int rows = 0;
   int cols = 0;
@@ -19,11 +19,11 @@ struct LensletGrid {
   double p21 = 0.0;  ///< dy/dcol
   double p22 = 1.0;  ///< dy/drow
 
-  /// Detector position (x, y) in px of a place in lenslet units.
+  /// Returns the detector position (x, y), in px, of a place in lenslet units.
   std::array<double, 2> pixel_from_lenslet(double col, double row) const {
     return {origin_x_px + p11 * col + p12 * row, origin_y_px + p21 * col + p22 * row};
   }
-  /// Lenslet units (col, row) of a detector position in px.
+  /// Returns the place (col, row), in lenslet units, of a detector position in px.
   std::array<double, 2> lenslet_from_pixel(double x_px, double y_px) const {
     const double x = x_px - origin_x_px;
     const double y = y_px - origin_y_px;
@@ -31,7 +31,7 @@ struct LensletGrid {
   }
   double determinant() const { return p11 * p22 - p12 * p21; }
   double pitch_px() const { return std::sqrt(std::abs(determinant())); }
-  /// Column axis from +x towards +y, degrees.
+  /// Returns the angle of the column axis, from +x towards +y, in degrees.
   double rotation_deg() const { return std::atan2(p21, p11) * 180.0 / std::numbers::pi; }
 };
 

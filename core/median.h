@@ -1,4 +1,4 @@
-// The median of values that may be reordered.
+// This file finds the median of values that may be reordered.
 #pragma once
 
 #include <algorithm>
@@ -8,8 +8,8 @@
 
 namespace curlew {
 
-/// The middle value, of an even number the mean of the middle two; NaN where there is none. It
-/// reorders the values and allocates nothing.
+/// Returns the middle value, the mean of the middle two if their number is even, or NaN if there is
+/// no value. Reorders the values and allocates nothing.
 template <typename T>
 T median_of(std::span<T> values) noexcept {
   if (values.empty()) return std::numeric_limits<T>::quiet_NaN();

@@ -1,4 +1,5 @@
-// SideQueue: copies of what the pipeline has, for work that may be slow: writing, printing.
+// A SideQueue hands copies of what the pipeline has to work that may be slow, as writing or
+// printing.
 #pragma once
 
 #include <atomic>
@@ -11,13 +12,13 @@
 
 namespace curlew {
 
-/// A pool of items, made once. The producer claims one, fills it and sends it; where the consumer
-/// has not yet given one back the producer goes on without and that is counted. Lock-free, one
-/// producer thread, one consumer thread; the producer never waits.
+/// Owns a pool of items, made once. The producer claims one, fills it and sends it. If the consumer
+/// has given none back in time, the producer goes on without one, and that is counted. The queue is
+/// lock-free, for one producer thread and one consumer thread; the producer never waits.
 template <typename Item>
 class SideQueue {
  public:
-  /// make: called `items` times, returns std::unique_ptr<Item>.
+  /// make: is called `items` times and returns a std::unique_ptr<Item>.
   template <typename Make>
   SideQueue(std::size_t items, Make&& make) : free_(items), sent_(items) {
     for (std::size_t i = 0; i < items; ++i) {
@@ -28,7 +29,8 @@ class SideQueue {
 
   std::size_t items() const noexcept { return items_.size(); }
 
-  /// Producer: an item to fill; nullptr where all are taken, which counts as dropped.
+  /// For the producer: returns an item to fill, or nullptr if all are taken, which counts as
+  /// dropped.
   Item* claim() noexcept {
     Item* item = nullptr;
     if (free_.pop_for(item, 0)) return item;
@@ -36,12 +38,13 @@ class SideQueue {
     return nullptr;
   }
   void send(Item* item) noexcept { sent_.push(item); }
-  /// Producer: no more will be sent.
+  /// For the producer: says that no more items will be sent.
   void close() noexcept { sent_.close(); }
 
-  /// Consumer: waits for an item; false when closed and drained.
+  /// For the consumer: waits for an item. Returns false when the queue is closed and drained.
   bool take(Item*& item) noexcept { return sent_.pop(item); }
-  /// Consumer: false also where none came in time; ended() tells the difference.
+  /// For the consumer: as take(), but returns false also if no item came within timeout_us; ended()
+  /// tells the difference.
   bool take_for(Item*& item, std::int64_t timeout_us) noexcept {
     return sent_.pop_for(item, timeout_us);
   }

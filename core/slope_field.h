@@ -1,4 +1,4 @@
-// SlopeField: the measured phase gradient, one vector per lenslet.
+// A SlopeField is the measured phase gradient, one vector per lenslet.
 #pragma once
 
 #include <cstdint>
@@ -7,8 +7,9 @@
 
 namespace curlew {
 
-/// Slopes s = w·G along the lenslet axes (col, row), in radians per pitch, all [rows, cols].
-/// Where valid is 0 the other maps hold 0 and take no part in anything.
+/// Holds the slopes s = w·G along the lenslet axes (col, row), in radians per pitch, where w is the
+/// pitch and G the mean phase gradient over a lenslet. All maps are [rows, cols]. Where valid is 0
+/// the other maps hold 0 and take no part in anything.
 struct SlopeField {
   SlopeField(int rows, int cols)
       : x(rows, cols),

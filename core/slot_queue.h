@@ -1,5 +1,5 @@
-// SlotQueue: hands slot pointers from one thread to the next. The only place that includes
-// the moodycamel queue.
+// A SlotQueue hands slot pointers from one thread to the next. No other file includes the
+// moodycamel queue.
 #pragma once
 
 #include <concurrentqueue/concurrentqueue.h>
@@ -12,24 +12,24 @@
 
 namespace curlew {
 
-/// Spins for a bounded time, then parks. One waiting thread; signal() from any.
+/// Lets one thread wait for signals from any thread. It spins for a bounded time, then parks.
 class Wakeup {
  public:
   void signal() noexcept { semaphore_.signal(); }
   void wait() noexcept { semaphore_.wait(); }
-  /// false where no signal came in time. timeout_us 0 only looks.
+  /// Returns false if no signal came within timeout_us. With timeout_us 0 it only looks.
   bool wait_for(std::int64_t timeout_us) noexcept {
     return timeout_us > 0 ? semaphore_.wait(timeout_us) : semaphore_.tryWait();
   }
 
  private:
-  static constexpr int kSpins = 2000;  // some 10 µs
+  static constexpr int kSpins = 2000;  // about 10 µs
   moodycamel::LightweightSemaphore semaphore_{0, kSpins};
 };
 
-/// One producer thread, one consumer thread, first in first out, lock-free, allocates only when
-/// made. pop() spins for a bounded time and then parks: a real-time thread that spins for ever
-/// is stopped by the kernel.
+/// A queue, first in, first out, for one producer thread and one consumer thread. It is lock-free
+/// and allocates only when made. pop() spins for a bounded time and then parks, because the kernel
+/// stops a real-time thread that spins for ever.
 template <typename Slot>
 class SlotQueue {
  public:
@@ -37,44 +37,46 @@ class SlotQueue {
   explicit SlotQueue(std::size_t capacity)
       : queue_(2 * capacity + kBlock, 1, 0), producer_(queue_) {}
 
-  /// Producer only. The queue has room for every slot there is, so a refusal is spurious
-  /// (a block not yet given back) and is tried again.
+  /// For the producer only. The queue has room for every slot there is, so a refusal only means
+  /// that a block is not yet given back, and the push is tried again.
   void push(Slot* slot) noexcept {
     while (!queue_.try_enqueue(producer_, slot)) std::this_thread::yield();
     ready_.signal();
   }
 
-  /// Producer only: no more will come. pop() delivers what is queued and then reports the end.
+  /// For the producer only: says that no more slots will come. pop() delivers what is queued and
+  /// then reports the end.
   void close() noexcept {
     closed_.store(true, std::memory_order_release);
     ready_.signal();
   }
 
-  /// Consumer only. Waits for a slot; false when the queue is closed and drained.
+  /// For the consumer only: waits for a slot. Returns false when the queue is closed and drained.
   bool pop(Slot*& slot) noexcept {
     ready_.wait();
     return take(slot);
   }
 
-  /// Consumer only. As pop(), but false also where none came in time; 0 does not wait at all.
+  /// For the consumer only: as pop(), but returns false also if no slot came within timeout_us.
+  /// With timeout_us 0 it does not wait at all.
   bool pop_for(Slot*& slot, std::int64_t timeout_us) noexcept {
     return ready_.wait_for(timeout_us) && take(slot);
   }
 
-  /// Consumer only: closed, and nothing is left.
+  /// For the consumer only: says whether the queue is closed and nothing is left.
   bool ended() const noexcept {
     return closed_.load(std::memory_order_acquire) && queue_.size_approx() == 0;
   }
 
  private:
-  static constexpr std::size_t kBlock = 64;  // the queue's blocks hold 32
+  static constexpr std::size_t kBlock = 64;  // two blocks of the moodycamel queue
 
-  /// After one signal: a slot is there, or the queue is closed.
+  /// Takes a slot after one signal, which means that a slot is there or that the queue is closed.
   bool take(Slot*& slot) noexcept {
     while (!queue_.try_dequeue_from_producer(producer_, slot)) {
       if (closed_.load(std::memory_order_acquire)) {
         if (queue_.try_dequeue_from_producer(producer_, slot)) return true;
-        ready_.signal();  // stays at the end for further calls
+        ready_.signal();  // Further calls find the end as well.
         return false;
       }
     }

@@ -1,4 +1,4 @@
-// StageTimer: times a scope with the steady clock.
+// A StageTimer times a scope with the steady clock.
 #pragma once
 
 #include <chrono>
@@ -12,7 +12,7 @@ inline std::int64_t nanoseconds_since(std::chrono::steady_clock::time_point star
       .count();
 }
 
-/// Writes the life of this object, in ns, to `duration_ns` when it ends.
+/// Writes how long it has lived, in ns, to `duration_ns` when it is destroyed.
 class StageTimer {
  public:
   explicit StageTimer(std::int64_t& duration_ns) noexcept : duration_ns_(duration_ns) {}

@@ -1,4 +1,4 @@
-// The wall clock, as files and headers carry it. Latency is never counted by it.
+// This is the wall clock, as files and headers carry it. Latency is never counted by it.
 #pragma once
 
 #include <chrono>
@@ -6,7 +6,7 @@
 
 namespace curlew {
 
-/// UTC nanoseconds since 1970.
+/// Returns UTC in nanoseconds since 1970.
 inline std::int64_t utc_now_ns() noexcept {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(
              std::chrono::system_clock::now().time_since_epoch())

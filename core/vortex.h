@@ -1,4 +1,4 @@
-// Circulation and vortices: what detection makes of a slope field.
+// Circulation and vortices are what detection makes of a slope field.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@
 
 namespace curlew {
 
-/// Circulation D of each cell, [rows-1, cols-1] for [rows, cols] lenslets, in radians.
+/// Holds the circulation D of each cell, [rows-1, cols-1] for [rows, cols] lenslets, in radians.
 /// Where valid is 0 the other maps hold 0 and mean nothing.
 struct CirculationMap {
   CirculationMap(int lenslet_rows, int lenslet_cols)
@@ -22,31 +22,31 @@ struct CirculationMap {
   int n_valid = 0;
 };
 
-/// Bits of Vortex::flags.
+/// These are the bits of Vortex::flags.
 enum VortexFlag : std::uint32_t {
   kVortexAtPupilEdge = 1,     ///< a cell of its 3×3 neighbourhood lies outside the pupil
   kVortexAtHole = 2,          ///< a cell of its 3×3 neighbourhood is lost to a missing lenslet
   kVortexUnresolvedPair = 4,  ///< two opposite vortices too near each other to be told apart
-  kVortexPredicted = 8,       ///< not seen in this frame: where its track should be
+  kVortexPredicted = 8,       ///< not seen in this frame; it is placed where its track should be
 };
 
-/// What a detector does not know of a vortex's probability.
+/// Stands for a probability that the detector does not know.
 inline constexpr float kUnknownProbability = -1.0F;
 
 struct Vortex {
   float x = 0;  ///< lenslet units: cell (r, c) is centred at (c+½, r+½)
   float y = 0;
-  std::int32_t charge = 0;                  ///< +1 or −1; 0: an unresolved pair, midway
-  float circulation = 0;                    ///< D of its cell, rad
-  float significance = 0;                   ///< |D| over its standard deviation
-  float probability = kUnknownProbability;  ///< that such a vortex lies within .75 pitches
-  float variance_x = 0;                     ///< of the position, pitches²; 0: unknown
+  std::int32_t charge = 0;  ///< +1 or −1; 0 for an unresolved pair, which lies midway
+  float circulation = 0;    ///< D of its cell, rad
+  float significance = 0;   ///< |D| over its standard deviation
+  float probability = kUnknownProbability;  ///< that a vortex of this charge lies within .75 pitch
+  float variance_x = 0;                     ///< variance of the position, pitches²; 0 if unknown
   float variance_y = 0;
   float covariance_xy = 0;
-  float velocity_x = 0;  ///< of its track, pitches a second; 0 without one
+  float velocity_x = 0;  ///< velocity of its track, pitches a second (a frame if no clock is known)
   float velocity_y = 0;
   std::uint32_t flags = 0;
-  std::int64_t track = -1;  ///< −1: not tracked
+  std::int64_t track = -1;  ///< number of its track; −1 if not tracked
 };
 
 using VortexList = FixedList<Vortex>;

@@ -12,7 +12,7 @@
 namespace curlew {
 namespace {
 
-/// The total gain of the best assignment, by trying all.
+/// Returns the total gain of the best assignment, found by trying all.
 double best_gain(const std::vector<std::vector<float>>& gain, std::size_t row,
                  std::vector<bool>& taken) {
   if (row == gain.size()) return 0.0;

@@ -30,9 +30,10 @@ TEST(FrameExchange, TheNewestFrameIsTakenAndTheOneBeforeComesBack) {
   FrameBuffer* second = exchange.empty();
   EXPECT_EQ(exchange.take(0), nullptr);
   EXPECT_EQ(exchange.deliver(first), nullptr);
-  EXPECT_EQ(exchange.deliver(second), first) << "the superseded frame's buffer, to fill again";
+  EXPECT_EQ(exchange.deliver(second), first)
+      << "deliver() must return the superseded frame's buffer, to be filled again";
   EXPECT_EQ(exchange.take(kLongUs), second);
-  EXPECT_EQ(exchange.take(0), nullptr) << "one frame, one take";
+  EXPECT_EQ(exchange.take(0), nullptr) << "a frame must be taken only once";
   EXPECT_EQ(exchange.delivered(), 2);
   EXPECT_EQ(exchange.superseded(), 1);
 }
@@ -44,7 +45,7 @@ TEST(FrameExchange, WhatWaitsWhenItClosesIsStillTaken) {
   exchange.close();
   EXPECT_EQ(exchange.take(kLongUs), frame);
   EXPECT_EQ(exchange.take(kLongUs), nullptr);
-  EXPECT_EQ(exchange.take(kLongUs), nullptr) << "and never waits again";
+  EXPECT_EQ(exchange.take(kLongUs), nullptr) << "take() must not wait once the exchange is closed";
 }
 
 TEST(FrameExchange, ClosingEndsAWait) {
@@ -57,11 +58,11 @@ TEST(FrameExchange, ClosingEndsAWait) {
   closer.join();
 }
 
-// A camera that never waits, a consumer that now and then dawdles: every frame is either taken or
-// superseded, in order, whole, and the camera never runs out of buffers.
+// Here the camera never waits and the consumer dawdles now and then. Every frame must be either
+// taken or superseded, in order and whole, and the camera must never run out of buffers.
 TEST(FrameExchange, NothingIsLostOrTornBetweenThreads) {
   constexpr std::int64_t kFrames = 20'000;
-  FrameExchange exchange(small(), 4);  // one taken, one waiting, two being filled
+  FrameExchange exchange(small(), 4);  // One is taken, one waits, two are being filled.
   std::int64_t starved = 0;
   std::thread camera([&] {
     FrameBuffer* buffer = exchange.empty();
@@ -83,7 +84,7 @@ TEST(FrameExchange, NothingIsLostOrTornBetweenThreads) {
     FrameBuffer* frame = exchange.take(kLongUs);
     if (frame == nullptr) break;
     ++taken;
-    ASSERT_GT(frame->header.sequence, last) << "newest first, never back";
+    ASSERT_GT(frame->header.sequence, last) << "a frame must never come after a newer one";
     last = frame->header.sequence;
     const auto* bytes = frame->view().data<unsigned char>();
     for (std::size_t b = 0; b < frame->format().bytes(); ++b)
@@ -93,7 +94,7 @@ TEST(FrameExchange, NothingIsLostOrTornBetweenThreads) {
   }
   camera.join();
   EXPECT_EQ(starved, 0);
-  EXPECT_EQ(last, kFrames - 1) << "the last frame is never superseded";
+  EXPECT_EQ(last, kFrames - 1) << "the last frame has no successor that could supersede it";
   EXPECT_EQ(exchange.delivered(), kFrames);
   EXPECT_EQ(taken + exchange.superseded(), kFrames);
 }

@@ -26,7 +26,7 @@ TEST(LatencyHistogram, PercentilesAreRightWithinABucket) {
     const auto exact = static_cast<double>(all[rank]);
     const auto reported = static_cast<double>(histogram.percentile_ns(p));
     EXPECT_GE(reported, exact);
-    EXPECT_LE(reported, exact * (1.0 + 1.0 / 64.0) + 1.0);  // the width of a bucket
+    EXPECT_LE(reported, exact * (1.0 + 1.0 / 64.0) + 1.0);  // This is the width of a bucket.
   }
   EXPECT_EQ(histogram.max_ns(), all.back());
   EXPECT_EQ(histogram.percentile_ns(1.0), all.back());
@@ -35,7 +35,7 @@ TEST(LatencyHistogram, PercentilesAreRightWithinABucket) {
 TEST(LatencyHistogram, SmallHugeAndNegativeDurations) {
   LatencyHistogram histogram;
   EXPECT_EQ(histogram.percentile_ns(0.5), 0);
-  histogram.record(-5);  // a clock stepped back counts as no time
+  histogram.record(-5);  // A clock that was set back counts as no time.
   histogram.record(127);
   EXPECT_EQ(histogram.percentile_ns(0.5), 0);
   EXPECT_EQ(histogram.percentile_ns(1.0), 127);

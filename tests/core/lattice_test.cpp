@@ -32,7 +32,9 @@ Mask without(Mask mask, std::initializer_list<std::pair<int, int>> missing) {
   return mask;
 }
 
-// The counts of DESIGN.md.
+// One missing lenslet, or a compact block of them, is a hole with two loops, one on each
+// sublattice. Two that touch by a corner share one hole with three loops. A gap in the rim has
+// none, and a missing lenslet that touches such a gap by a corner has one loop only.
 TEST(Lattice, LoopsOfHoles) {
   const Mask full = square_pupil(9);
   EXPECT_EQ(loops(lattice_of(full)), 0);
@@ -60,7 +62,7 @@ TEST(Lattice, HolesThatTouchAreOneAndARimHoleIsHalf) {
   EXPECT_EQ(apart.holes().size(), 2U);
 }
 
-/// Loops by Euler's formula: edges − nodes + components − cells.
+/// Counts loops by Euler's formula: edges − nodes + components − cells.
 int loops_by_euler(const Mask& mask, const Lattice& lattice) {
   int cells = 0;
   for (int r = 0; r + 1 < mask.rows(); ++r)
@@ -85,7 +87,8 @@ TEST(Lattice, EulersFormulaOnRandomPupils) {
 TEST(Lattice, ComponentsAndPhaseGroups) {
   EXPECT_EQ(lattice_of(pupil_from({"#"})).n_components(), 2);
   EXPECT_EQ(lattice_of(square_pupil(5)).n_components(), 2);
-  // Apart: nothing shared. By a side: both sublattices. By a corner: one.
+  // Lenslets apart share no component. Lenslets that touch by a side share both sublattices, and
+  // those that touch by a corner share one.
   EXPECT_EQ(lattice_of(pupil_from({"#.#"})).n_components(), 4);
   EXPECT_EQ(lattice_of(pupil_from({"##"})).n_components(), 2);
   const Lattice corner = lattice_of(pupil_from({"#.", ".#"}));

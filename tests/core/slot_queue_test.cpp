@@ -31,7 +31,7 @@ TEST(SlotQueue, KeepsOrderAcrossThreadsAndReportsTheEnd) {
   }
   producer.join();
   EXPECT_EQ(expected, kCount);
-  EXPECT_FALSE(forward.pop(slot));  // the end stays the end
+  EXPECT_FALSE(forward.pop(slot));  // The end must stay the end.
 }
 
 TEST(SlotQueue, WakesAParkedConsumer) {
@@ -41,7 +41,7 @@ TEST(SlotQueue, WakesAParkedConsumer) {
     int* slot = nullptr;
     if (queue.pop(slot)) *slot = 7;
   });
-  std::this_thread::sleep_for(std::chrono::milliseconds(30));  // well past the spin
+  std::this_thread::sleep_for(std::chrono::milliseconds(30));  // This is well past the spin.
   queue.push(&value);
   consumer.join();
   EXPECT_EQ(value, 7);
