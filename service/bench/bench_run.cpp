@@ -12,10 +12,10 @@ namespace curlew {
 void BenchRun::add_to(CLI::App& command, const std::string& quick_text, int& threads) {
   threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   command.add_flag("--quick", quick, quick_text);
-  command.add_option("--cache", cache, "folder where simulated fields are kept")
+  command.add_option("--cache", cache, "folder in which simulated fields are kept")
       ->capture_default_str();
-  command.add_flag("--no-cache", no_cache, "keep nothing");
-  command.add_option("--threads", threads, "threads")
+  command.add_flag("--no-cache", no_cache, "do not keep simulated fields");
+  command.add_option("--threads", threads, "number of threads")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
   command.add_flag("--json", json, "print JSON");

@@ -19,7 +19,7 @@ namespace curlew {
 namespace {
 
 struct BenchOptions {
-  int rows = 0;  // 0: the three standard cases
+  int rows = 0;  // 0: the three standard cases are run
   int cols = 0;
   int window_px = 0;
   std::int64_t frames = 2000;
@@ -123,9 +123,12 @@ void add_bench(CLI::App& app) {
   latency->add_option("--cols", options->cols, "lenslet columns")->check(CLI::Range(2, 1000));
   latency->add_option("--window", options->window_px, "pixels per lenslet side")
       ->check(CLI::Range(2, 1000));
-  latency->add_option("--frames", options->frames, "frames a case")->capture_default_str();
-  latency->add_option("--threads", options->threads, "inline or per_stage")->capture_default_str();
-  latency->add_option("--cpus", options->cpus, "pin threads to these CPUs, in turn")
+  latency->add_option("--frames", options->frames, "frames of each case")->capture_default_str();
+  latency
+      ->add_option("--threads", options->threads,
+                   "all stages on one thread (inline) or one each (per_stage)")
+      ->capture_default_str();
+  latency->add_option("--cpus", options->cpus, "CPUs that the threads are pinned to, in turn")
       ->delimiter(',');
   latency->add_flag("--json", options->json, "print JSON");
   latency->callback([options] { bench_latency(*options); });

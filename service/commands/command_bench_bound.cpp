@@ -22,7 +22,7 @@ struct BoundOptionsOfBench {
   BenchRun run;
 };
 
-/// NaN has no place in JSON.
+/// Returns null for a number that is not finite, because JSON has no NaN.
 nlohmann::ordered_json number(double value) {
   return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
 }
@@ -190,35 +190,41 @@ void add_bench_bound(CLI::App& bench) {
   PositionBenchmarkOptions& benchmark = options->benchmark;
   CLI::App* bound = bench.add_subcommand(
       "bound", "How well the spots tell a vortex's place at best, beside the classifier");
-  bound->add_option("--realisations", benchmark.test_realisations, "test fields a cell")
+  bound->add_option("--realisations", benchmark.test_realisations, "test fields of each cell")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
   bound
       ->add_option("--validation", benchmark.validation_realisations,
-                   "fields a cell that the classifier's threshold is chosen on")
+                   "fields of each cell on which the classifier's threshold is chosen")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
   bound
       ->add_option("--training", benchmark.training_realisations,
-                   "fields a turbulence that the field's modes are learnt from")
+                   "fields of each turbulence from which the modes are learnt")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
-  bound->add_option("--modes", benchmark.modes, "of the field over 6 x 6 lenslets")
+  bound
+      ->add_option("--modes", benchmark.modes,
+                   "number of complex modes of the field over 6 x 6 lenslets")
       ->check(CLI::Range(1, 2000))
       ->capture_default_str();
-  bound->add_option("--polynomials", benchmark.polynomials, "an axis, that the modes are made of")
+  bound
+      ->add_option("--polynomials", benchmark.polynomials,
+                   "polynomials along each axis of which modes are made")
       ->check(CLI::Range(2, 48))
       ->capture_default_str();
   bound->add_option("--rytov", benchmark.rytov_variances, "Rytov variances")
       ->delimiter(',')
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  bound->add_option("--photons", benchmark.photons, "photons a lenslet; 0: no noise")
+  bound->add_option("--photons", benchmark.photons, "photons of each lenslet; 0: no noise")
       ->delimiter(',')
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  bound->add_option("--lenslet", benchmark.field.lenslet, "side, √(λL)")->capture_default_str();
-  options->run.add_to(*bound, "4 fields of each kind: shows that all runs", benchmark.threads);
+  bound->add_option("--lenslet", benchmark.field.lenslet, "side of a lenslet, √(λL)")
+      ->capture_default_str();
+  options->run.add_to(*bound, "only 4 fields of each kind, to show that all of it runs",
+                      benchmark.threads);
   bound->callback([options] { bench_bound(*options); });
 }
 

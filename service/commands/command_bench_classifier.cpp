@@ -36,8 +36,8 @@ struct ClassifierCase {
   int realisations;
 };
 
-/// The benchmark's array; and 80×80, of smaller lenslets so that the propagated grid holds them,
-/// behind turbulence that gives them some 60 vortices.
+/// Returns the benchmark's array, and an array of 80×80. The lenslets of the latter are smaller, so
+/// that the propagated grid holds them, and turbulence gives them some 60 vortices.
 std::vector<ClassifierCase> classifier_cases() {
   FieldParameters small;
   small.rytov_variance = 2.0;
@@ -48,11 +48,11 @@ std::vector<ClassifierCase> classifier_cases() {
   return {{small, 20}, {large, 4}};
 }
 
-/// Means over the frames but for the times.
+/// Means over the frames, and the times of all runs.
 struct ClassifierCost {
-  double required = 0.0;  ///< true vortices
+  double required = 0.0;  ///< true vortices that are required
   double reported = 0.0;
-  double nodes = 0.0;  ///< judged
+  double nodes = 0.0;  ///< nodes that were judged
   double lenslets = 0.0;
   LatencyHistogram times;
 };
@@ -82,7 +82,8 @@ ClassifierCost measure_cost(const ClassifierCase& which, const ClassifierBenchOp
                                workspace, vortices);
       const auto taken =
           std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now() - start).count();
-      if (repeat >= options.repeats / 10) cost.times.record(taken);  // the rest warms up
+      // The first tenth only warms up.
+      if (repeat >= options.repeats / 10) cost.times.record(taken);
     }
     cost.reported += static_cast<double>(vortices.size());
     cost.nodes += static_cast<double>(workspace.nodes.size());
@@ -143,15 +144,17 @@ void add_bench_classifier(CLI::App& bench) {
   auto options = std::make_shared<ClassifierBenchOptions>();
   CLI::App* classifier = bench.add_subcommand(
       "classifier", "What the vortex classifier costs a frame: 16x16, and 80x80 lenslets");
-  classifier->add_option("--photons", options->photons, "photons a lenslet")
+  classifier->add_option("--photons", options->photons, "photons of each lenslet")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  classifier->add_option("--min-probability", options->min_probability, "of what is reported")
+  classifier
+      ->add_option("--min-probability", options->min_probability,
+                   "least probability of a reported vortex")
       ->capture_default_str();
-  classifier->add_option("--repeats", options->repeats, "of every frame")
+  classifier->add_option("--repeats", options->repeats, "how often every frame is classified")
       ->check(CLI::Range(10, 1000000))
       ->capture_default_str();
-  classifier->add_option("--cache", options->cache, "folder where simulated fields are kept")
+  classifier->add_option("--cache", options->cache, "folder in which simulated fields are kept")
       ->capture_default_str();
   classifier->add_flag("--json", options->json, "print JSON");
   classifier->callback([options] { bench_classifier(*options); });

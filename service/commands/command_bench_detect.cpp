@@ -23,7 +23,7 @@ struct DetectOptionsOfBench {
   BenchRun run;
 };
 
-/// Says what the run will cost before it is paid.
+/// Says in advance how long the run will take.
 void announce(const DetectionBenchmarkOptions& options, const RealisationCache& cache) {
   double seconds = 0.0;
   double megabytes = 0.0;
@@ -65,7 +65,7 @@ std::string photons_text(double photons) {
   return std::isfinite(photons) ? fmt::format("{} photons", photons) : "no noise";
 }
 
-/// NaN has no place in JSON.
+/// Returns null for a number that is not finite, because JSON has no NaN.
 nlohmann::ordered_json number(double value) {
   return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
 }
@@ -110,7 +110,7 @@ nlohmann::ordered_json results_json(const DetectionBenchmarkOptions& options,
   return json;
 }
 
-/// The value and half the width of its interval.
+/// Returns the value and half the width of its interval.
 std::string figure(const DetectionRowResult& row, double DetectionScore::*value) {
   if (!std::isfinite(row.score.*value)) return "–";
   const Interval interval = interval_of(row.samples, value);
@@ -171,23 +171,24 @@ void add_bench_detect(CLI::App& bench) {
   DetectionBenchmarkOptions& benchmark = options->benchmark;
   CLI::App* detect = bench.add_subcommand(
       "detect", "Detectors of vortices compared on simulated turbulence; goes on where it ended");
-  detect->add_option("--realisations", benchmark.test_realisations, "test fields a cell")
+  detect->add_option("--realisations", benchmark.test_realisations, "test fields of each cell")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
   detect
       ->add_option("--validation", benchmark.validation_realisations,
-                   "fields a cell that thresholds are chosen on")
+                   "fields of each cell on which thresholds are chosen")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
   detect->add_option("--rytov", benchmark.rytov_variances, "Rytov variances")
       ->delimiter(',')
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  detect->add_option("--photons", benchmark.photons, "photons a lenslet; 0: no noise")
+  detect->add_option("--photons", benchmark.photons, "photons of each lenslet; 0: no noise")
       ->delimiter(',')
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  detect->add_option("--lenslet", benchmark.field.lenslet, "side, √(λL)")->capture_default_str();
+  detect->add_option("--lenslet", benchmark.field.lenslet, "side of a lenslet, √(λL)")
+      ->capture_default_str();
   detect->add_option("--window", benchmark.field.window_px, "pixels per lenslet side")
       ->check(CLI::Range(4, 64))
       ->capture_default_str();
@@ -195,38 +196,40 @@ void add_bench_detect(CLI::App& bench) {
       ->capture_default_str();
   detect
       ->add_option("--centroid", benchmark.measurement.method,
-                   "thresholded (default), plain, weighted, correlation, brightest_pixels or "
-                   "maximum_likelihood")
+                   "centroid method: thresholded (default), plain, weighted, correlation, "
+                   "brightest_pixels or maximum_likelihood")
       ->transform(CLI::CheckedTransformer(centroid_methods()));
   detect
       ->add_option("--threshold-noise", benchmark.measurement.threshold_noise,
-                   "of the thresholded centroid, read noises")
+                   "threshold of all centroids but plain, in read noises")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   detect
       ->add_option("--spot-sigma", benchmark.measurement.spot_sigma_px,
-                   "of the Gaussian of centroids that have one, px; 0: the diffraction limit's")
+                   "sigma of the Gaussian that weighted, correlation and maximum_likelihood use, "
+                   "px; 0: that of the diffraction limit")
       ->capture_default_str();
   detect
       ->add_option("--reference-pull", benchmark.measurement.reference_pull,
-                   "of the weighted centroid, read noises")
+                   "light that pulls the weighted centroid to the reference, in read noises")
       ->capture_default_str();
   detect
       ->add_option("--brightest-pixels", benchmark.measurement.brightest_pixels,
-                   "that count in the centroid of that name")
+                   "how many pixels the centroid brightest_pixels uses; 0: chosen")
       ->capture_default_str();
   add_pupil_option(*detect, benchmark.measurement.pupil);
   detect
       ->add_option("--faded", benchmark.measurement.faded,
-                   "part of the lenslets, others in every frame, that are dark")
+                   "part of the lenslets that are dark; every frame has others")
       ->check(CLI::Range(0.0, 0.9))
       ->capture_default_str();
   detect
       ->add_option("--controlled", benchmark.controlled_rates,
-                   "more rows: whitened and classifier held to these false alarms a frame")
+                   "adds rows for whitened and classifier at these rates of false alarms a frame")
       ->delimiter(',')
       ->check(CLI::PositiveNumber);
-  options->run.add_to(*detect, "4 fields of each kind: shows that all runs", benchmark.threads);
+  options->run.add_to(*detect, "only 4 fields of each kind, to show that all of it runs",
+                      benchmark.threads);
   detect->callback([options] { bench_detect(*options); });
 }
 

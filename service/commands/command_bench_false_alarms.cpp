@@ -76,11 +76,11 @@ void add_bench_false_alarms(CLI::App& bench) {
   FalseAlarmOptions& benchmark = options->benchmark;
   CLI::App* alarms = bench.add_subcommand(
       "false-alarms", "The rate of false alarms in slope noise against the stated one");
-  alarms->add_option("--photons", benchmark.photons, "photons a lenslet")
+  alarms->add_option("--photons", benchmark.photons, "photons of each lenslet")
       ->delimiter(',')
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  alarms->add_option("--rates", benchmark.rates, "stated false alarms a frame")
+  alarms->add_option("--rates", benchmark.rates, "rates to state, in false alarms a frame")
       ->delimiter(',')
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
@@ -90,8 +90,8 @@ void add_bench_false_alarms(CLI::App& bench) {
   alarms->add_option("--window", benchmark.window_px, "pixels per lenslet side")
       ->check(CLI::Range(4, 64))
       ->capture_default_str();
-  alarms->add_option("--seed", benchmark.seed, "of the noise")->capture_default_str();
-  alarms->add_flag("--quick", options->quick, "1000 frames: shows that all runs");
+  alarms->add_option("--seed", benchmark.seed, "seed of the noise")->capture_default_str();
+  alarms->add_flag("--quick", options->quick, "only 1000 frames, to show that all of it runs");
   alarms->add_flag("--json", options->json, "print JSON");
   alarms->callback([options] { bench_false_alarms(*options); });
 }

@@ -23,7 +23,8 @@ struct PhaseOptionsOfBench {
   bool validation = false;
 };
 
-constexpr std::array<std::pair<int, int>, 2> kTimed = {{{16, 6}, {80, 60}}};  // size, vortices
+// Lenslets a side, vortices.
+constexpr std::array<std::pair<int, int>, 2> kTimed = {{{16, 6}, {80, 60}}};
 
 nlohmann::ordered_json interval_json(const MeanWithInterval& mean) {
   return {{"value", mean.value}, {"low", mean.interval.low}, {"high", mean.interval.high}};
@@ -134,21 +135,22 @@ void add_bench_phase(CLI::App& bench) {
   PhaseBenchmarkOptions& benchmark = options->benchmark;
   CLI::App* phase = bench.add_subcommand(
       "phase", "Strehl with the hidden phase against least squares; goes on where it ended");
-  phase->add_option("--realisations", benchmark.realisations, "fields a cell")
+  phase->add_option("--realisations", benchmark.realisations, "fields of each cell")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
   phase->add_flag("--validation", options->validation,
-                  "the fields that everything was tuned on, not the test's");
+                  "use the fields on which everything was tuned, not the test fields");
   phase->add_option("--rytov", benchmark.rytov_variances, "Rytov variances")
       ->delimiter(',')
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  phase->add_option("--photons", benchmark.photons, "photons a lenslet; 0: no noise")
+  phase->add_option("--photons", benchmark.photons, "photons of each lenslet; 0: no noise")
       ->delimiter(',')
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  phase->add_option("--lenslet", benchmark.field.lenslet, "side, √(λL)")->capture_default_str();
-  options->run.add_to(*phase, "4 fields: shows that all runs", benchmark.threads);
+  phase->add_option("--lenslet", benchmark.field.lenslet, "side of a lenslet, √(λL)")
+      ->capture_default_str();
+  options->run.add_to(*phase, "only 4 fields, to show that all of it runs", benchmark.threads);
   phase->callback([options] { bench_phase(*options); });
 }
 

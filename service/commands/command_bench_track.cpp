@@ -20,11 +20,12 @@ namespace {
 
 struct TrackOptionsOfBench {
   TrackingBenchmarkOptions benchmark;
-  std::vector<double> wind;  // x, y of the first screen, x, y of the last; empty: the default
+  std::vector<double> wind;  // x, y of the first screen, … x, y of the last; empty: the default
   BenchRun run;
 };
 
-/// Of one figure over the samples; `of` may subtract two rows.
+/// Returns the interval of one figure over n samples. `of` gives the figure of sample i, which may
+/// be the difference of two rows.
 template <typename Of>
 Interval interval_of_samples(std::size_t n, Of of) {
   std::vector<double> samples;
@@ -43,7 +44,7 @@ Figure figure(const TrackingRow& row, const TrackingFigure& which) {
           })};
 }
 
-/// Tracked less frame by frame, of the same blocks of frames.
+/// Returns the tracked figure minus the one frame by frame, both of the same blocks of frames.
 Figure difference(const TrackingCell& cell, const TrackingFigure& which) {
   return {which.value(cell.tracked.figures) - which.value(cell.frame_by_frame.figures),
           interval_of_samples(cell.tracked.samples.size(), [&](std::size_t i) {
@@ -56,7 +57,7 @@ bool is_better(const Figure& change, bool less_is_better) {
   return less_is_better ? change.interval.high < 0.0 : change.interval.low > 0.0;
 }
 
-/// NaN has no place in JSON.
+/// Returns null for a number that is not finite, because JSON has no NaN.
 nlohmann::ordered_json number(double value) {
   return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
 }
@@ -168,26 +169,28 @@ void add_bench_track(CLI::App& bench) {
   track->add_option("--frames", benchmark.frames, "frames of each array")
       ->check(CLI::Range(2, 100000))
       ->capture_default_str();
-  track->add_option("--fields", benchmark.test_fields, "test fields, each seen by 4 arrays")
+  track->add_option("--fields", benchmark.test_fields, "test fields, each of which 4 arrays see")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  track->add_option("--photons", benchmark.photons, "photons a lenslet")
+  track->add_option("--photons", benchmark.photons, "photons of each lenslet")
       ->delimiter(',')
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  track->add_option("--rytov", benchmark.sequence.field.rytov_variance, "Rytov variance")
+  track
+      ->add_option("--rytov", benchmark.sequence.field.rytov_variance,
+                   "Rytov variance of the turbulence")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   track
       ->add_option("--wind", options->wind,
-                   "pitches a frame: x,y of the first screen, … x,y of the last")
+                   "wind in pitches a frame: x,y of the first screen, … x,y of the last")
       ->delimiter(',');
   track
       ->add_option("--steps", benchmark.sequence.steps,
-                   "times a frame that the true vortices are looked up")
+                   "how many times a frame the true vortices are looked up")
       ->check(CLI::Range(1, 100))
       ->capture_default_str();
-  options->run.add_to(*track, "50 frames: shows that all runs", benchmark.threads);
+  options->run.add_to(*track, "only 50 frames, to show that all of it runs", benchmark.threads);
   track->callback([options] { bench_track(*options); });
 }
 

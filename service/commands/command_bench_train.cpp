@@ -54,19 +54,24 @@ void add_bench_train(CLI::App& bench) {
   training.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   CLI::App* train = bench.add_subcommand(
       "train", "Trains the vortex classifier and writes its weights; needs a new build to be used");
-  train->add_option("--fields", training.fields, "training realisations")->capture_default_str();
-  train->add_option("--validation", training.validation_fields, "validation fields a turbulence")
+  train->add_option("--fields", training.fields, "simulated fields to train on")
+      ->capture_default_str();
+  train
+      ->add_option("--validation", training.validation_fields,
+                   "validation fields of each turbulence")
       ->capture_default_str();
   train->add_option("--steps", training.steps, "steps of the optimiser")->capture_default_str();
-  train->add_option("--batch", training.batch, "nodes a step")->capture_default_str();
-  train->add_option("--rate", training.learning_rate, "learning rate")->capture_default_str();
-  train->add_option("--seed", training.seed, "of everything drawn")->capture_default_str();
-  train->add_option("--cache", options->cache, "folder where simulated fields are kept")
+  train->add_option("--batch", training.batch, "nodes in each step")->capture_default_str();
+  train->add_option("--rate", training.learning_rate, "learning rate of the optimiser")
+      ->capture_default_str();
+  train->add_option("--seed", training.seed, "seed of all random numbers")->capture_default_str();
+  train->add_option("--cache", options->cache, "folder in which simulated fields are kept")
       ->capture_default_str();
   train->add_option("--threads", training.threads, "threads that simulate fields")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  train->add_option("--out", options->out, "file of the weights")->capture_default_str();
+  train->add_option("--out", options->out, "file that the weights are written to")
+      ->capture_default_str();
   train->callback([options] { bench_train(*options); });
 }
 

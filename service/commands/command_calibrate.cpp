@@ -45,7 +45,7 @@ Image<To> converted(const Image<From>& from) {
   return to;
 }
 
-/// What the user said, in SI units, goes before what the recording says.
+/// Replaces what the recording says by what the user gave, in SI units, if it was given.
 void apply_option(double& value, const std::optional<double>& given, double unit,
                   const std::string& option, bool zero_allowed = false) {
   if (!given) return;
@@ -78,7 +78,7 @@ Detector detector_of(const CalibrateOptions& options, Detector detector) {
   return detector;
 }
 
-/// Mean of a dark, flat or bad-pixel file, which must be of the reference's size.
+/// Returns the mean of a dark, flat or bad-pixel file, which must have the reference's size.
 MeanImage read_map(const std::string& path, const MeanImage& reference) {
   MeanImage map = read_mean_image(path);
   const FrameFormat& a = map.region;
@@ -135,7 +135,7 @@ void print_fit(const CalibrateOptions& options, const Sensor& sensor) {
   fmt::print("  one pixel is a slope of {:.4f} rad per pitch\n", optics.slope_rad_per_px());
 }
 
-/// Finds grid, windows and references from the recording options.reference.
+/// Finds grid, windows and reference spots from the recording options.reference.
 void calibrate_on_recording(const CalibrateOptions& options) {
   refuse_overwriting(options.out, {options.reference, options.dark, options.flat,
                                    options.bad_pixels, options.config});
@@ -159,7 +159,7 @@ void calibrate_on_recording(const CalibrateOptions& options) {
   if (!report.text.empty()) fmt::print("  {}\n", report.text);
 }
 
-/// Frames from the camera into a recording first, which is kept where the user says so.
+/// Takes frames from the camera into a recording first, which is kept if the user says so.
 void calibrate_on_camera(CalibrateOptions options) {
   const Config config = options.config.empty() ? Config{} : read_config(options.config);
   CameraOptions camera = config.camera;
@@ -205,30 +205,34 @@ void add_calibrate(CLI::App& app) {
       app.add_subcommand("calibrate", "Find the lenslet grid and write the sensor file");
   command->add_option("reference", options->reference, "frames of the reference beam (FITS)");
   command->add_option("--camera", options->camera,
-                      "take them from a camera instead: aravis:ID, usb:VID:PID or sim:PRESET");
-  command->add_option("--frames", options->frames, "how many to take from the camera")
+                      "camera to take the frames from: aravis:ID, usb:VID:PID or sim:PRESET");
+  command->add_option("--frames", options->frames, "how many frames to take from the camera")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
-  command->add_option("--keep", options->keep, "keep the camera's frames in this recording");
+  command->add_option("--keep", options->keep,
+                      "recording in which the camera's frames are kept (FITS)");
   command->add_flag("--take-dark", options->take_dark,
                     "only take frames from the camera, with the light off, into --out");
   command->add_option("--out", options->out, "the sensor file (FITS)")->required();
-  command->add_option("--dark", options->dark, "dark frame, or a stack: gives the read noise too");
-  command->add_option("--flat", options->flat, "flat field, of any scale");
+  command->add_option("--dark", options->dark,
+                      "dark frame, or a stack, which also gives the read noise");
+  command->add_option("--flat", options->flat, "flat field, of any scale (FITS)");
   command->add_option("--bad-pixels", options->bad_pixels,
-                      "image that is not 0 where a pixel is bad");
+                      "image that is not 0 where a pixel is bad (FITS)");
   command->add_option("--config", options->config,
                       "configuration (TOML): [centroid], and [camera] with --camera");
-  command->add_option("--pitch-um", options->pitch_um, "lenslet pitch");
-  command->add_option("--focal-mm", options->focal_mm, "focal length of the lenslets");
-  command->add_option("--pixel-um", options->pixel_um, "pixel size, as binned");
-  command->add_option("--wavelength-nm", options->wavelength_nm, "wavelength");
+  command->add_option("--pitch-um", options->pitch_um, "lenslet pitch, µm");
+  command->add_option("--focal-mm", options->focal_mm, "focal length of the lenslets, mm");
+  command->add_option("--pixel-um", options->pixel_um, "pixel size, as binned, µm");
+  command->add_option("--wavelength-nm", options->wavelength_nm, "wavelength, nm");
   command->add_option("--magnification", options->magnification,
-                      "of a relay between lenslets and detector (default 1)");
-  command->add_flag("--mirror", options->mirror, "the relay mirrors the image; flips charges");
-  command->add_option("--e-per-adu", options->e_per_adu, "detector gain");
+                      "magnification of a relay between lenslets and detector (default 1)");
+  command->add_flag("--mirror", options->mirror,
+                    "say that the relay mirrors the image; flips charges");
+  command->add_option("--e-per-adu", options->e_per_adu, "detector gain, electrons per ADU");
   command->add_option("--read-noise-e", options->read_noise_e, "read noise, electrons rms");
-  command->add_option("--saturation-adu", options->saturation_adu, "saturated at or above");
+  command->add_option("--saturation-adu", options->saturation_adu,
+                      "a pixel at or above this is saturated, ADU");
   command->callback([options] { calibrate(*options); });
 }
 

@@ -46,7 +46,7 @@ std::vector<JitterRow> measure_jitter(const Config& config, double seconds) {
   return rows;
 }
 
-/// The commands of all checks with this verdict.
+/// Returns the commands of all checks with this verdict.
 std::vector<std::string> commands_of(const std::vector<Check>& checks, Verdict verdict) {
   std::vector<std::string> commands;
   for (const Check& check : checks)
@@ -116,7 +116,7 @@ void print_text(const std::vector<Check>& checks, const std::vector<JitterRow>& 
   print_commands(useful);
 }
 
-/// Cameras on this machine's USB and what is in their way.
+/// Checks the USB cameras of this machine for what is in their way.
 Check check_usb_cameras(const Config& config) {
   Check check;
   check.name = "USB cameras";
@@ -152,10 +152,11 @@ void add_doctor(CLI::App& app) {
   auto options = std::make_shared<DoctorOptions>();
   CLI::App* doctor = app.add_subcommand(
       "doctor", "Whether this machine is ready for real time, and how to make it so");
-  doctor->add_option("--config", options->config, "TOML file of the daemon to be run");
+  doctor->add_option("--config", options->config,
+                     "configuration (TOML) of the daemon that is to run");
   doctor
       ->add_option("--seconds", options->seconds,
-                   "how long to measure wake-up jitter at each priority; 0: not at all")
+                   "how long to measure wake-up jitter at each priority, s; 0: not at all")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
   doctor->add_flag("--json", options->json, "print JSON");

@@ -31,7 +31,7 @@ struct KernelOptions {
   bool csv = false;
 };
 
-/// D, rad, of the cell from whose centre the vortex is (μ, ν) away.
+/// The circulation D, in rad, of the cell from whose centre the vortex is (μ, ν) away.
 using Circulation = std::function<double(double mu, double nu)>;
 
 struct Minimum {
@@ -40,7 +40,7 @@ struct Minimum {
   double circulation = 0.0;
 };
 
-/// A quantity over all positions of the vortex.
+/// The range of a quantity over all positions of the vortex.
 struct Range {
   double minimum = 0.0;
   double mean = 0.0;
@@ -51,12 +51,12 @@ struct KernelSummary {
   double peak = 0.0;
   double slow_axis_deg = 0.0;  // from +μ to +ν, in (−90, 90]
   Minimum minimum;
-  Range nearest;  // D of the cell the vortex is in
-  Range two;      // the four cells round the lenslet the vortex is in
-  Range three;    // the cell the vortex is in and the eight round it
+  Range nearest;  // D of the cell that the vortex is in
+  Range two;      // sum over the four cells round the lenslet that the vortex is in
+  Range three;    // sum over the cell that the vortex is in and the eight round it
 };
 
-constexpr int kMaxPoints = 2001;  // a side of the map
+constexpr int kMaxPoints = 2001;  // along a side of the map
 
 void check(const KernelOptions& o) {
   if (!std::isfinite(o.morphology.alpha_rad) || !std::isfinite(o.morphology.beta_rad))
@@ -78,7 +78,7 @@ Circulation circulation_of(const KernelOptions& o) {
       [core = LinearCore(o.morphology)](double mu, double nu) { return core.circulation(mu, nu); };
 }
 
-/// −extent … extent in steps, 0 among them.
+/// Returns the positions from −extent to extent in steps; 0 is among them.
 std::vector<double> positions(const KernelOptions& o) {
   const auto half = static_cast<int>(std::floor(o.extent / o.step * (1.0 + 1e-9)));
   std::vector<double> values;
@@ -86,8 +86,8 @@ std::vector<double> positions(const KernelOptions& o) {
   return values;
 }
 
-/// The least D of the map, then downhill from there in ever smaller steps: D has creases, so no
-/// derivative is asked for.
+/// Finds the least D of the map, and walks downhill from there in ever smaller steps. It uses no
+/// derivative, because D has creases.
 Minimum find_minimum(const Circulation& d, const std::vector<double>& at, double step) {
   Minimum best{0.0, 0.0, d(0.0, 0.0)};
   const auto attempt = [&](double mu, double nu) {
@@ -111,8 +111,8 @@ Minimum find_minimum(const Circulation& d, const std::vector<double>& at, double
   return best;
 }
 
-/// The sum of D over the cells (mu − shift, nu − shift), over all (mu, nu) within half a pitch; the
-/// mean by the midpoint rule.
+/// Returns the range of the sum of D over the cells (mu − shift, nu − shift), for all (mu, nu)
+/// within half a pitch. The mean is by the midpoint rule.
 Range range_over_positions(const Circulation& d, const std::vector<double>& shifts) {
   constexpr int kSteps = 32;
   const auto sum = [&](double mu, double nu) {
@@ -226,21 +226,24 @@ void add_kernel(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "kernel", "The circulation that a vortex of any morphology and position gives");
   command
-      ->add_option("--alpha", options->morphology.alpha_rad, "morphology, rad; 0 is a round core")
+      ->add_option("--alpha", options->morphology.alpha_rad,
+                   "alpha of the morphology, rad; 0 is a round core")
       ->capture_default_str();
-  command->add_option("--beta", options->morphology.beta_rad, "morphology, rad")
+  command->add_option("--beta", options->morphology.beta_rad, "beta of the morphology, rad")
       ->capture_default_str();
   command
       ->add_option("--weight", options->weight,
-                   "of the phase gradient in a lenslet: uniform (default, as the paper) or "
+                   "weight of the phase gradient in a lenslet: uniform (default, as the paper) or "
                    "intensity (what centroids see of a core of linear amplitude)")
       ->transform(CLI::CheckedTransformer(std::map<std::string, Weight>{
           {"uniform", Weight::kUniform}, {"intensity", Weight::kIntensity}}));
   command
-      ->add_option("--extent", options->extent,
-                   "positions from −extent to extent each way, pitches from the cell's centre")
+      ->add_option(
+          "--extent", options->extent,
+          "greatest distance of the vortex from the cell's centre along each axis, pitches")
       ->capture_default_str();
-  command->add_option("--step", options->step, "between positions, pitches")->capture_default_str();
+  command->add_option("--step", options->step, "distance between positions, pitches")
+      ->capture_default_str();
   auto* json = command->add_flag("--json", options->json, "print JSON, with the map of D");
   command->add_flag("--csv", options->csv, "print only the map of D, as CSV")->excludes(json);
   command->callback([options] { print_kernel(*options); });

@@ -38,8 +38,8 @@ struct ReplayOptions {
   std::int64_t show = 3;
 };
 
-/// Sentences on what the frames and the sensor file say differently about the detector: thresholds
-/// and significances follow the sensor file.
+/// Returns sentences on what the sensor file says differently about the detector than the frames
+/// do. They matter because thresholds and significances follow the sensor file.
 std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& source,
                                         const std::string& recording) {
   constexpr double kMuchNoisier = 1.5;
@@ -60,7 +60,8 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
   FrameBuffer frame(first.format());
   if (first.next(frame) != Delivery::kFrame) return notes;
   const FrameNoise seen = estimate_frame_noise(sensor, first.format(), frame.view());
-  const double light = std::max(seen.light_adu, 0.0);  // comes with photon noise and with slopes
+  // It adds photon noise, and its gradients add differences between pixels.
+  const double light = std::max(seen.light_adu, 0.0);
   const double read_noise = sensor.detector.read_noise_e / sensor.detector.e_per_adu;
   const double known =
       std::sqrt(read_noise * read_noise + light / sensor.detector.e_per_adu + light * light +
@@ -73,7 +74,7 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
   return notes;
 }
 
-/// What cannot be meant, before anything is read or written.
+/// Refuses options that contradict each other, before anything is read or written.
 void check_usage(const ReplayOptions& options) {
   std::vector<std::string> inputs = options.recordings;
   inputs.push_back(options.sensor);
@@ -99,7 +100,7 @@ void print_input(const ReplayOptions& options, const FitsSource& source, const S
     fmt::print("{}\n", note);
 }
 
-/// The files that results go into, those that were asked for.
+/// The files for the results; null if a file was not asked for.
 struct ReplayFiles {
   std::unique_ptr<ResultsFile> results;
   std::unique_ptr<JsonLines> lines;
@@ -181,15 +182,16 @@ void add_replay(CLI::App& app) {
   command->add_option("recordings", options->recordings, "FITS files, in order")->required();
   command->add_option("--sensor", options->sensor, "sensor file made by 'curlew calibrate'")
       ->required();
-  command->add_option("--out", options->out, "results (FITS)");
+  command->add_option("--out", options->out, "results file to write (FITS)");
   command
       ->add_option("--save", options->save,
                    "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation")
       ->delimiter(',');
-  command->add_option("--jsonl", options->jsonl, "one JSON object a frame");
+  command->add_option("--jsonl", options->jsonl, "file to write with one JSON object a frame");
   options->pipeline.add_to(*command);
-  command->add_option("--pace", options->pace_hz, "deliver frames no faster than this, in Hz");
-  command->add_option("--show", options->show, "print the vortices of so many frames (default 3)");
+  command->add_option("--pace", options->pace_hz,
+                      "greatest rate at which frames are delivered, Hz");
+  command->add_option("--show", options->show, "how many frames' vortices are printed (default 3)");
   command->callback([options] { replay(*options); });
 }
 

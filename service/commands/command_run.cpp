@@ -24,7 +24,7 @@ struct RunCommand {
   DaemonLimits limits;
 };
 
-/// Read again at every reload.
+/// Returns the configuration. The file is read again at every reload.
 Config configuration(const RunCommand& options) {
   Config config = options.pipeline.configuration();
   if (!options.camera.empty()) config.camera.source = options.camera;
@@ -64,15 +64,16 @@ void add_run(CLI::App& app) {
   auto options = std::make_shared<RunCommand>();
   CLI::App* command = app.add_subcommand("run", "Watch a camera: the daemon");
   command->add_option("--camera", options->camera,
-                      "aravis:ID (or aravis: for the only one), usb:VID:PID, sim:PRESET or "
+                      "camera: aravis:ID (or aravis: for the only one), usb:VID:PID, sim:PRESET or "
                       "file:RECORDING.fits");
   command->add_option("--sensor", options->sensor,
                       "sensor file made by 'curlew calibrate'; sim: needs none");
-  command->add_option("--frames", options->limits.frames, "end after so many results")
+  command->add_option("--frames", options->limits.frames, "how many results to end after")
       ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 62));
-  command->add_option("--seconds", options->limits.seconds, "end after so long")
+  command->add_option("--seconds", options->limits.seconds, "how long to run, s")
       ->check(CLI::Range(0.001, 1e9));
-  command->add_option("--jsonl", options->jsonl, "append one JSON object a frame");
+  command->add_option("--jsonl", options->jsonl,
+                      "file to which one JSON object a frame is appended");
   options->pipeline.add_to(*command);
   command->callback([options] { run_daemon(*options); });
 }
@@ -85,10 +86,13 @@ void add_control(CLI::App& app) {
   auto question = std::make_shared<Question>();
   CLI::App* command = app.add_subcommand("control", "Ask or tell the running daemon");
   command
-      ->add_option("word", question->word,
-                   "status (JSON), trigger (the recorder) or expose (a software-triggered camera)")
+      ->add_option(
+          "word", question->word,
+          "command: status (JSON), trigger (the recorder) or expose (a software-triggered camera)")
       ->required();
-  command->add_option("--socket", question->socket, "as control in section [daemon]")
+  command
+      ->add_option("--socket", question->socket,
+                   "socket of the daemon: control in section [daemon]")
       ->capture_default_str();
   command->callback([question] {
     const std::string answer = ask_daemon(question->socket, question->word);

@@ -23,7 +23,7 @@
 namespace curlew {
 namespace {
 
-/// What the user says of the path; the preset says the rest.
+/// What the user says about the turbulent path. The preset gives the rest.
 struct TurbulenceOptions {
   std::optional<double> rytov_variance;
   std::optional<double> lenslet;
@@ -55,7 +55,7 @@ struct SimulateOptions {
   TurbulenceOptions turbulence;
 };
 
-/// "5.5,8,+1,30" → numbers; UsageError names the option.
+/// Reads numbers such as "5.5,8,+1,30". Throws UsageError, which names the option.
 std::vector<double> numbers(const std::string& text, char separator, const std::string& option,
                             std::size_t minimum, std::size_t maximum, const std::string& form) {
   std::vector<double> values;
@@ -138,7 +138,7 @@ SimulatorOptions simulator_options(const SimulateOptions& options) {
   return simulator;
 }
 
-/// Says what turbulence will cost before it is paid.
+/// Says in advance what the turbulence will cost in memory.
 void print_grid(const SimulatorOptions& simulator) {
   const PropagationGrid grid = propagation_grid(simulator);
   fmt::print("propagation: {} x {} points, {:.3g} x {:.3g} √(λL), {} screens, {:.0f} MB\n",
@@ -160,7 +160,7 @@ void simulate(const SimulateOptions& options) {
   check_simulator_options(simulated);
   if (simulated.turbulence) print_grid(simulated);
   const auto begin = std::chrono::steady_clock::now();
-  Simulator simulator(simulated);  // with its first frame
+  Simulator simulator(simulated);  // this simulates the first frame too
   const std::chrono::duration<double> first_frame = std::chrono::steady_clock::now() - begin;
   if (simulated.turbulence) print_time(first_frame.count(), simulated.frames);
   RecordingWriter recording(options.out, simulator.format(), simulator.optics(),
@@ -192,24 +192,32 @@ void simulate(const SimulateOptions& options) {
 void add_turbulence(CLI::App& command, TurbulenceOptions& path) {
   const std::string group = "Presets turbulence and chen2007 (lengths across the path in √(λL))";
   command
-      .add_option("--rytov-variance", path.rytov_variance,
-                  "of a plane wave, 1.23 Cn² k^(7/6) L^(11/6) [turbulence 1, chen2007 1.05]")
+      .add_option(
+          "--rytov-variance", path.rytov_variance,
+          "Rytov variance of a plane wave, 1.23 Cn² k^(7/6) L^(11/6) [turbulence 1, chen2007 1.05]")
       ->group(group);
-  command.add_option("--lenslet", path.lenslet, "lenslet side, √(λL) [.064, .0795]")->group(group);
-  command.add_option("--outer-scale", path.outer_scale, "L0, √(λL) [400, 397]")->group(group);
-  command.add_option("--inner-scale", path.inner_scale, "l0, √(λL) [.02, .02]")->group(group);
+  command.add_option("--lenslet", path.lenslet, "side of a lenslet, √(λL) [.064, .0795]")
+      ->group(group);
+  command.add_option("--outer-scale", path.outer_scale, "outer scale L0, √(λL) [400, 397]")
+      ->group(group);
+  command.add_option("--inner-scale", path.inner_scale, "inner scale l0, √(λL) [.02, .02]")
+      ->group(group);
   command
       .add_option("--waist", path.waist,
                   "1/e² radius of a collimated Gaussian beam, √(λL); 0: plane wave [0, 1.19]")
       ->group(group);
-  command.add_option("--screens", path.screens, "phase screens [10, 10]")->group(group);
-  command.add_option("--grid", path.grid, "points a side; 0: chosen [0, 1024]")->group(group);
-  command.add_option("--grid-samples", path.grid_samples, "points a lenslet; 0: chosen [0, 10]")
+  command.add_option("--screens", path.screens, "number of phase screens [10, 10]")->group(group);
+  command.add_option("--grid", path.grid, "points along a side of the grid; 0: chosen [0, 1024]")
       ->group(group);
   command
-      .add_option("--wind", path.wind,
-                  "VX,VY in pitches a frame, repeatable: for all screens, or from the first screen "
-                  "to the last. Without it every frame is a realisation of its own")
+      .add_option("--grid-samples", path.grid_samples,
+                  "points along a lenslet's side; 0: chosen [0, 10]")
+      ->group(group);
+  command
+      .add_option(
+          "--wind", path.wind,
+          "wind VX,VY in pitches a frame, repeatable: for all screens, or from the first screen "
+          "to the last. Without it every frame is a realisation of its own")
       ->group(group);
 }
 
@@ -226,8 +234,9 @@ void add_simulate(CLI::App& app) {
     presets += (presets.empty() ? "" : ", ") + name;
   command->add_option("--preset", options->preset, presets)->capture_default_str();
   command->add_option("--out", options->out, "the recording (FITS)")->required();
-  command->add_option("--frames", simulator.frames, "how many")->capture_default_str();
-  command->add_option("--seed", simulator.seed, "of noise and turbulence")->capture_default_str();
+  command->add_option("--frames", simulator.frames, "number of frames")->capture_default_str();
+  command->add_option("--seed", simulator.seed, "seed of noise and turbulence")
+      ->capture_default_str();
   command->add_option("--rows", simulator.rows, "lenslet rows")->capture_default_str();
   command->add_option("--cols", simulator.cols, "lenslet columns")->capture_default_str();
   command->add_option("--window", simulator.window_px, "pixels per lenslet side")
@@ -235,51 +244,58 @@ void add_simulate(CLI::App& app) {
   command->add_option("--sampling", simulator.samples_per_lambda_w, "pixels per λ/w in the focus")
       ->capture_default_str();
   add_pupil_option(*command, simulator.pupil);
-  command->add_option("--obscuration", simulator.obscuration, "of the obscured pupil's diameter")
+  command
+      ->add_option("--obscuration", simulator.obscuration,
+                   "obscured part of the obscured pupil's diameter")
       ->capture_default_str();
   command
       ->add_option("--stray", simulator.stray_light,
-                   "light beyond its window: cropped (default) "
-                   "or neighbours")
+                   "what becomes of light beyond its window: cropped (default) or neighbours")
       ->transform(CLI::CheckedTransformer(std::map<std::string, StrayLight>{
           {"cropped", StrayLight::kCropped}, {"neighbours", StrayLight::kNeighbours}}));
-  command->add_option("--photons", simulator.photons, "electrons a lit lenslet; 0: no noise")
+  command
+      ->add_option("--photons", simulator.photons, "mean electrons of a lit lenslet; 0: no noise")
       ->capture_default_str();
-  command->add_option("--background", simulator.background_e, "electrons a pixel")
+  command->add_option("--background", simulator.background_e, "background, electrons a pixel")
       ->capture_default_str();
-  command->add_option("--read-noise", simulator.read_noise_e, "electrons rms")
+  command->add_option("--read-noise", simulator.read_noise_e, "read noise, electrons rms")
       ->capture_default_str();
-  command->add_option("--e-per-adu", simulator.e_per_adu, "electrons per count")
+  command->add_option("--e-per-adu", simulator.e_per_adu, "detector gain, electrons per ADU")
       ->capture_default_str();
-  command->add_option("--bias", simulator.bias_adu, "counts added to every pixel")
+  command->add_option("--bias", simulator.bias_adu, "ADU added to every pixel")
       ->capture_default_str();
-  command->add_option("--saturation", simulator.saturation_adu, "counts; 0: where the bits end")
+  command
+      ->add_option("--saturation", simulator.saturation_adu,
+                   "ADU at which a pixel saturates; 0: where the bits end")
       ->capture_default_str();
-  command->add_option("--bits", simulator.bit_depth, "8, or 10 to 16")->capture_default_str();
+  command->add_option("--bits", simulator.bit_depth, "bits of the converter: 8, or 10 to 16")
+      ->capture_default_str();
   command->add_option("--vortex", options->vortices,
-                      "X,Y,CHARGE[,ALPHA_DEG,BETA_DEG] in lenslet units, repeatable");
-  command->add_option("--zernike", options->zernikes, "NOLL:RMS_RAD, repeatable");
-  command->add_option("--tilt", options->tilt, "SX,SY in rad per pitch")
+                      "vortex X,Y,CHARGE[,ALPHA_DEG,BETA_DEG] in lenslet units, repeatable");
+  command->add_option("--zernike", options->zernikes, "Zernike mode NOLL:RMS_RAD, repeatable");
+  command->add_option("--tilt", options->tilt, "tilt SX,SY in rad per pitch")
       ->delimiter(',')
       ->expected(2);
-  command->add_option("--at", options->at, "X,Y of the dipole's positive vortex")
+  command->add_option("--at", options->at, "place X,Y of the dipole's positive vortex")
       ->delimiter(',')
       ->expected(2);
-  command->add_option("--separation", parameters.separation, "of the dipole, pitches")
+  command->add_option("--separation", parameters.separation, "separation of the dipole, pitches")
       ->capture_default_str();
-  command->add_option("--field", parameters.field_file, "complex field [2, ny, nx] in FITS");
+  command->add_option("--field", parameters.field_file, "complex field [2, ny, nx] to read (FITS)");
   command->add_option("--field-out", options->field_out,
-                      "write the first frame's field at the lenslets, as --field reads it");
+                      "file for the first frame's field at the lenslets, as --field reads it");
   command
       ->add_option("--amplitude", simulator.scene.vortex_amplitude,
-                   "round a vortex: uniform (default, as the paper) or linear")
+                   "amplitude round a vortex: uniform (default, as the paper) or linear")
       ->transform(CLI::CheckedTransformer(std::map<std::string, VortexAmplitude>{
           {"uniform", VortexAmplitude::kUniform}, {"linear", VortexAmplitude::kLinearCore}}));
   command
       ->add_option("--core-radius", simulator.scene.core_radius,
-                   "where a linear amplitude reaches 1, pitches")
+                   "radius at which a linear amplitude reaches 1, pitches")
       ->capture_default_str();
-  command->add_option("--velocity", options->velocity, "VX,VY of the vortices, pitches a frame")
+  command
+      ->add_option("--velocity", options->velocity,
+                   "velocity VX,VY of the vortices, pitches a frame")
       ->delimiter(',')
       ->expected(2);
   add_turbulence(*command, options->turbulence);

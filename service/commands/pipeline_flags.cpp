@@ -8,10 +8,12 @@ void PipelineFlags::add_to(CLI::App& command) {
   command.add_option("--config", config, "configuration (TOML); 'run' reads it again at SIGHUP");
   command.add_option("--method", method,
                      "how vortices are found: circulation (default), whitened or classifier");
-  command.add_flag("--track", track, "follow vortices from frame to frame, and report what lasts");
+  command.add_flag("--track", track,
+                   "follow vortices from frame to frame and report those that last");
   command.add_option("--false-alarms", false_alarms,
-                     "vortices reported a frame where there is only noise (default 0.01)");
-  command.add_option("--threads", threads, "inline (default) or per_stage");
+                     "false alarms a frame to accept where there is only noise (default 0.01)");
+  command.add_option("--threads", threads,
+                     "all stages on one thread (inline, default) or one each (per_stage)");
 }
 
 Config PipelineFlags::configuration() const {

@@ -11,10 +11,10 @@ class App;
 
 namespace curlew {
 
-/// shape must live as long as the command.
+/// Adds the option --pupil. shape must live as long as the command.
 void add_pupil_option(CLI::App& command, PupilShape& shape);
 
-/// The word that --pupil takes for it.
+/// Returns the word that --pupil takes for this shape.
 std::string pupil_word(PupilShape shape);
 
 }  // namespace curlew

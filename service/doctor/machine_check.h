@@ -1,4 +1,4 @@
-// The machine under the program: is it fit for real time, and if not, what would make it so.
+// Checks whether the machine is fit for real time, and says what would make it so.
 #pragma once
 
 #include <array>
@@ -12,9 +12,9 @@ namespace curlew {
 
 enum class Verdict {
   kGood,
-  kCouldBeBetter,  ///< works, with more jitter or less reserve than need be
+  kCouldBeBetter,  ///< it works, with more jitter or less reserve than need be
   kBad,            ///< real time cannot be relied on
-  kNotSeen,        ///< the kernel does not show it here: a virtual machine, a container
+  kNotSeen,        ///< the kernel does not show it here, as in a virtual machine or a container
 };
 constexpr std::array<std::string_view, 4> kVerdictWords = {"good", "could be better", "bad",
                                                            "not seen"};
@@ -25,23 +25,24 @@ constexpr std::string_view word_of(Verdict verdict) {
 struct Check {
   std::string name;
   Verdict verdict = Verdict::kGood;
-  std::string found;                  ///< what is so
+  std::string found;                  ///< what was found
   std::string advice;                 ///< what to change, in words; empty: nothing
-  std::vector<std::string> commands;  ///< what to type for it, in a shell
+  std::vector<std::string> commands;  ///< what to type into a shell for that
 };
 
-/// What the machine is asked for by the checks.
+/// The machine that is checked.
 struct Machine {
-  /// Before every path of /proc, /sys and /dev: "" for this machine, a folder for a made-up one.
+  /// Prefix of every path of /proc, /sys and /dev: "" for this machine, a folder for a made-up one.
   std::string root;
   Config config;
-  std::string build_type;  ///< of the program, as CMake calls it
+  std::string build_type;  ///< the program's build type, as CMake calls it
 };
 
-/// All checks, in the order they are shown. Never throws for what it finds or does not find.
+/// Makes all checks, in the order in which they are shown. Nothing that it finds or does not find
+/// makes it throw.
 std::vector<Check> check_machine(const Machine& machine);
 
-/// No check is bad.
+/// Returns whether no check is bad.
 bool ready_for_real_time(const std::vector<Check>& checks);
 
 }  // namespace curlew

@@ -1,4 +1,4 @@
-// The checks of machine_check.cpp, one a function: rights, processors, kernel, network and USB.
+// The checks of machine_check.cpp, each a function: rights, processors, kernel, network and USB.
 #pragma once
 
 #include "service/doctor/machine_check.h"
@@ -6,7 +6,7 @@
 
 namespace curlew {
 
-// machine_rights.cpp: what the user and the program may.
+// machine_rights.cpp: what the user and the program are allowed to do.
 Check check_build(const Machine& machine, const MachineFiles& files);
 Check check_rtprio(const Machine& machine, const MachineFiles& files);
 Check check_memlock(const Machine& machine, const MachineFiles& files);

@@ -30,7 +30,8 @@ Check check_rt_throttling(const Machine&, const MachineFiles& files) {
     check.found = "sched_rt_runtime_us cannot be seen here";
     return check;
   }
-  // The pipeline's waits are bounded, so the kernel's usual 95 % is a net and no obstacle.
+  // The kernel usually allows 95 %. That is a safety net and no obstacle, because the pipeline's
+  // waits are bounded.
   constexpr double kUsual = 0.9;
   check.found =
       *runtime_us < 0
@@ -57,7 +58,7 @@ Check check_clock_source(const Machine&, const MachineFiles& files) {
     check.verdict = Verdict::kNotSeen;
     return check;
   }
-  // Those that are read without a system call.
+  // These clocks are read without a system call.
   for (const char* fast : {"tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page"})
     if (*source == fast) return check;
   check.verdict = Verdict::kBad;

@@ -12,7 +12,7 @@ namespace {
 
 constexpr const char* kNet = "/sys/class/net/";
 
-/// Network interfaces that are up and are hardware, as far as a machine has any.
+/// Returns the network interfaces that are hardware and not down.
 std::vector<std::string> interfaces(const MachineFiles& files) {
   std::vector<std::string> up;
   for (const std::string& name : files.names(kNet, ""))
@@ -22,8 +22,8 @@ std::vector<std::string> interfaces(const MachineFiles& files) {
   return up;
 }
 
-/// A line of /proc/net/route: an IPv4 network, its bytes in the order of the network, and the
-/// interface that leads there.
+/// A line of /proc/net/route: an IPv4 network, with its bytes in network order, and the interface
+/// that leads there.
 struct Route {
   std::string interface;
   std::uint32_t destination = 0;
@@ -47,13 +47,14 @@ std::vector<Route> routes(const MachineFiles& files) {
   return all;
 }
 
-/// The interface whose network holds the address, or by which a route leads there. A default route
-/// leads everywhere, and so says nothing of where the camera is.
+/// Returns the interface whose network holds the address, or by which a route leads there. Default
+/// routes do not count: they lead everywhere, and so do not tell where the camera is.
 std::optional<std::string> interface_towards(const MachineFiles& files, std::uint32_t address) {
   constexpr unsigned kUp = 0x1, kReject = 0x200;  // as in linux/route.h
-  constexpr int kShortestPrefix = 8;              // shorter ones are halves of a default route
+  // Two routes with shorter prefixes can make up a default route.
+  constexpr int kShortestPrefix = 8;
   constexpr std::uint32_t kLoopback = 127;
-  if (ntohl(address) >> 24 == kLoopback) return "lo";  // has a table of its own
+  if (ntohl(address) >> 24 == kLoopback) return "lo";  // loopback has a routing table of its own
   std::optional<Route> best;
   const auto prefix = [](const Route& route) { return std::popcount(route.mask); };
   for (const Route& route : routes(files)) {
@@ -70,8 +71,8 @@ std::optional<std::string> interface_towards(const MachineFiles& files, std::uin
 /// How the camera is attached, as far as [camera] source and the routes tell.
 struct CameraLink {
   bool on_network = true;
-  std::string interface;  ///< empty: not known
-  std::string sentence;   ///< why it is this interface, or why it is not known
+  std::string interface;  ///< empty: unknown
+  std::string sentence;   ///< why it is this interface, or why it is unknown
 };
 
 CameraLink camera_link(const Machine& machine, const MachineFiles& files) {
@@ -103,15 +104,15 @@ CameraLink camera_link(const Machine& machine, const MachineFiles& files) {
   return link;
 }
 
-/// What is so of one interface.
+/// What was found about one interface.
 struct InterfaceFinding {
   std::string found;
   bool good;
 };
 
-/// find(name) of the camera's interface, or of all where it is not known; where one is not good,
-/// advice and command(name). A command names no interface but the camera's: changing another one
-/// may cut somebody off.
+/// Collects find(name) of the camera's interface, or of all interfaces if the camera's is unknown.
+/// If one is not good, it adds advice and command(name). The command names no interface but the
+/// camera's, because changing another one may cut somebody off.
 template <typename Find, typename Command>
 Check check_interfaces(const Machine& machine, const MachineFiles& files, const char* advice,
                        Find find, Command command) {
@@ -144,7 +145,8 @@ Check check_interfaces(const Machine& machine, const MachineFiles& files, const 
   return check;
 }
 
-/// A column of the Udp lines of /proc/net/snmp: names in the first, values in the second.
+/// Returns a column of the Udp lines of /proc/net/snmp. The first has the names, the second the
+/// values.
 std::int64_t udp_counter(const MachineFiles& files, const std::string& wanted) {
   std::istringstream lines(files.text("/proc/net/snmp").value_or(""));
   std::string names, values;
@@ -161,7 +163,7 @@ std::int64_t udp_counter(const MachineFiles& files, const std::string& wanted) {
 }  // namespace
 
 Check check_socket_buffer(const Machine& machine, const MachineFiles& files) {
-  // At 128 x 128 Mono16 and 1 kHz less than this lost frames.
+  // With a smaller buffer, frames of 128 x 128 Mono16 were lost at 1 kHz.
   constexpr std::int64_t kTooSmall_bytes = 1 << 20;
   const std::int64_t wanted_bytes = machine.config.camera.socket_buffer_bytes;
   const auto max_bytes = files.number("/proc/sys/net/core/rmem_max");
@@ -217,7 +219,7 @@ Check check_packet_loss(const Machine&, const MachineFiles& files) {
 }
 
 Check check_interface_losses(const Machine& machine, const MachineFiles& files) {
-  // Some drops are only packets of protocols nobody here speaks.
+  // A few drops are only packets of protocols that nobody here speaks.
   constexpr double kHarmless = 1e-3;
   return check_interfaces(
       machine, files, "give the camera's interface a longer receive queue",

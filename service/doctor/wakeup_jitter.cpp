@@ -49,7 +49,7 @@ WakeupJitter measure_wakeup_jitter(double seconds, const std::vector<int>& cpus,
       sleep_until(due_ns);
       const std::int64_t woken_ns = now_ns();
       jitter.late_ns.record(woken_ns - due_ns);
-      // Whole periods that were slept through are not made up for.
+      // Whole periods that were slept through are skipped.
       due_ns += kPeriod_ns * (1 + (woken_ns - due_ns) / kPeriod_ns);
     }
   }).join();

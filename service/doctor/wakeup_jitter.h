@@ -1,5 +1,5 @@
-// The machine's own jitter: how late a thread that only sleeps is woken up. What a program of the
-// same priority is late by is at least this.
+// The machine's own jitter: how late a thread is woken up that does nothing but sleep. A program of
+// the same priority is at least as late.
 #pragma once
 
 #include <string>
@@ -10,13 +10,14 @@
 namespace curlew {
 
 struct WakeupJitter {
-  LatencyHistogram late_ns;          ///< one entry a wake-up; none where the priority was refused
-  std::vector<std::string> refused;  ///< priority or CPU that was not given, one sentence each
+  LatencyHistogram late_ns;  ///< one entry for each wake-up; none if the priority was refused
+  std::vector<std::string> refused;  ///< one sentence for each CPU or priority that was refused
 };
 
-/// Sleeps to the millisecond (CLOCK_MONOTONIC, absolute) for so long, on a thread of its own with
-/// these CPUs (none: any) and SCHED_FIFO priority (0: ordinary). Ends early when interrupted.
-/// The kernel adds up to 50 µs of timer slack to ordinary threads' sleeps, none to SCHED_FIFO's.
+/// Sleeps until each full millisecond (CLOCK_MONOTONIC, absolute) for this long, on a thread of its
+/// own with these CPUs (none: any) and this SCHED_FIFO priority (0: ordinary). Ends early when
+/// interrupted. The kernel adds up to 50 µs of timer slack to the sleep of ordinary threads, and
+/// none to SCHED_FIFO.
 WakeupJitter measure_wakeup_jitter(double seconds, const std::vector<int>& cpus, int priority);
 
 }  // namespace curlew
