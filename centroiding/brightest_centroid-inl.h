@@ -1,5 +1,6 @@
-// kBrightestPixels; see centroid_methods.h.
-// Compiled anew for every instruction set: the guard is Highway's.
+// This file finds positions by kBrightestPixels, which centroid_methods.h describes.
+//
+// Highway compiles it anew for every instruction set, which is why the include guard toggles.
 #if defined(CURLEW_BRIGHTEST_CENTROID_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef CURLEW_BRIGHTEST_CENTROID_INL_H_
 #undef CURLEW_BRIGHTEST_CENTROID_INL_H_
@@ -17,7 +18,8 @@ namespace curlew::HWY_NAMESPACE {
 inline void find_brightest(const CentroidPlan& plan, const Windows& windows,
                            GroupPositions& found) {
   const auto n = static_cast<std::size_t>(plan.brightest_pixels);
-  V brightest[kMaxBrightestPixels + 1];  // by falling brightness
+  // These are each lenslet's n + 1 brightest pixels, the brightest first.
+  V brightest[kMaxBrightestPixels + 1];
   for (std::size_t m = 0; m <= n; ++m) brightest[m] = hn::Zero(d);
   for (std::size_t i = 0; i < windows.h; ++i) {
     for (std::size_t j = 0; j < windows.w; ++j) {
@@ -49,7 +51,8 @@ inline void find_brightest(const CentroidPlan& plan, const Windows& windows,
   }
   const V x = ratio(sum_x, sum);
   const V y = ratio(sum_y, sum);
-  // As of any threshold's, variance_of_signal() in centroid.cpp: a pixel near T is cut off by it.
+  // The variance of a pixel is estimated as after any other threshold: variance_of_signal() in
+  // centroid.cpp says why the ramp is needed near T.
   const V constant = hn::MulAdd(threshold, windows.per_count, windows.constant);
   const V ramp = ratio(set(1.0F), hn::MulAdd(set(0.85F), hn::Sqrt(constant), windows.per_count));
   V q = hn::Zero(d), q_xx = q, q_yy = q, q_xy = q;

@@ -1,4 +1,5 @@
-// The centroid kernel, compiled once for every instruction set and chosen at run time (Highway).
+// This is the centroid kernel. Highway compiles it once for every instruction set and chooses one
+// at run time.
 #include "centroiding/centroid.h"
 
 #include <algorithm>
@@ -11,7 +12,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "centroiding/centroid.cpp"
 #include "hwy/foreach_target.h"
-// foreach_target.h comes first.
+// Highway needs foreach_target.h before the headers below.
 
 #include "core/size_check.h"
 #include "hwy/highway.h"
@@ -21,23 +22,25 @@
 namespace curlew {
 namespace {
 
-/// What one window's pixels come to: moments, about the window's centre, of the signals v and of
-/// their variances q. Members in the order in which sum_window() stores them.
+/// These are the sums over one window's pixels: the moments, about the window's centre, of the
+/// signals v and of their variances q. The members are in the order in which sum_window() stores
+/// them.
 struct WindowSums {
   float v, v_x, v_y, v_xx;
   float v_xy, v_yy, q_xy, q_yy;
   float q, q_x, q_y, q_xx;
-  float peak;  ///< brightest good pixel, counts
+  float peak;  ///< brightest good pixel of the window, counts
 };
 
-/// Estimates the variance of a thresholded signal v = max(I − T, 0) from v itself. Far above the
-/// threshold it is (v + T)·k + σ², k counts per electron; near it, clipping takes most of it away
-/// (for Gaussian noise of variance s² centred on T, .3408 s² is left). The estimate
+/// This model estimates the variance of a thresholded signal v = max(I − T, 0) from v itself. Far
+/// above the threshold the variance is (v + T)·k + σ², where k is the counts per electron. Near the
+/// threshold, clipping takes most of it away (for Gaussian noise of variance s² centred on T, .3408
+/// s² is left). The estimate
 ///     (v·k + c)·min(v·ramp, 1),  c = T·k + σ²
 /// has the right mean, for Poisson plus Gaussian noise, when averaged over pixels of any brightness
-/// with 1/ramp = .85·√(c k⁻²) + 1 electron (fitted to within 10 % for T from 1.5 to 20 σ
-/// and σ from .5 to 10 e⁻, which is 1.5 % of a spot's variance). A ramp rather than a step
-/// because whole counts of about an electron make steps coarse, and because it scatters less.
+/// with 1/ramp = .85·√(c k⁻²) + 1 electron (fitted to within 10 % for T from 1.5 to 20 σ and σ from
+/// .5 to 10 e⁻, which is 1.5 % of a spot's variance). It uses a ramp rather than a step because
+/// whole counts of about an electron make steps coarse, and because a ramp scatters less.
 struct SignalVariance {
   float per_count;  ///< k
   float constant;   ///< c
@@ -51,10 +54,11 @@ SignalVariance variance_of_signal(const CentroidPlan& plan, float threshold) noe
   return {.per_count = k, .constant = c, .ramp = width > 0.0F ? 1.0F / width : 0.0F};
 }
 
-/// A variance taken from the very photons it describes scatters, by about 1.5/F relative variance
-/// in a circulation of four lenslets of F electrons each, and so a ratio D/σ has Student's longer
-/// tails. The variance is widened by 4/F so that D beyond 2.8 to 4.1 σ is as frequent as for a
-/// Gaussian within 20 % (Monte Carlo at 200 and 1000 photons; at 1000 the widening is .5 %).
+/// A variance that is estimated from the very photons it describes scatters. In a circulation of
+/// four lenslets of F electrons each, this scatter is a relative variance of about 1.5/F, and so
+/// the ratio D/σ has Student's longer tails. Therefore the variance is widened by 4/F. Then D
+/// beyond 2.8 to 4.1 σ is as frequent as for a Gaussian within 20 % (Monte Carlo at 200 and 1000
+/// photons; at 1000 the widening is .5 %).
 constexpr float kWidening = 4.0F;
 
 }  // namespace
@@ -81,13 +85,14 @@ hn::Vec<D> load_pixels(D d, const std::uint8_t* p) {
   return hn::ConvertTo(d, hn::PromoteTo(wide, hn::LoadU(narrow, p)));
 }
 
-/// Pixels of one window through the plan's maps, D's lanes at a time.
+/// A Reader gives one window's pixels, calibrated by the plan's maps, as many at a time as D has
+/// lanes.
 template <class D, typename Pixel, bool kMaps>
 class Reader {
  public:
   using V = hn::Vec<D>;
 
-  /// raised: how far the window's threshold lies above the plan's.
+  /// `raised` says how far the window's threshold lies above the plan's, in counts.
   Reader(const CentroidPlan& plan, const Pixel* pixels, const CentroidPlan::Spot& spot, int start,
          float raised)
       : pixels_(pixels + spot.y0 * plan.frame_cols + start),
@@ -100,7 +105,7 @@ class Reader {
   struct Calibrated {
     V count;  ///< 0 where the pixel is bad
     V gain;
-    V signal;  ///< gain·count − offset, may be negative
+    V signal;  ///< gain·count − offset, which may be negative
   };
   Calibrated next_row() {
     const D d;
@@ -126,8 +131,8 @@ class Reader {
   std::ptrdiff_t map_cols_;
 };
 
-/// Columns of a window that one vector covers. Near the frame's right rim the vector is shifted
-/// left instead of reading beyond the row; `inside` tells which lanes count.
+/// A Chunk is the columns of a window that one vector covers. Near the frame's right rim the vector
+/// is shifted left instead of reading beyond the row; `inside` tells which lanes count.
 template <class D>
 struct Chunk {
   Chunk(const CentroidPlan& plan, const CentroidPlan::Spot& spot, int first) {
@@ -144,14 +149,16 @@ struct Chunk {
   }
   int start;
   hn::Mask<D> inside;
-  hn::Vec<D> x;  ///< relative to the window's centre
+  hn::Vec<D> x;  ///< position relative to the window's centre
 };
 
-/// Adds one chunk's column sums (Σ, Σy, Σy² down each column) to the window's moments, as vectors.
+/// Adds one chunk's column sums (Σ, Σy, Σy² down each column) to the window's moments, which are
+/// vectors.
 template <class D>
 struct VectorMoments {
   using V = hn::Vec<D>;
-  // Written out: the compiler's own constructor would not be for this instruction set.
+  // The constructor is written out because the compiler's own would not be compiled for this
+  // instruction set.
   VectorMoments() : sum(hn::Zero(D())), x(sum), y(sum), xx(sum), xy(sum), yy(sum) {}
   V sum, x, y, xx, xy, yy;
 
@@ -168,7 +175,7 @@ struct VectorMoments {
   }
 };
 
-/// Σ over the lanes of each of four vectors.
+/// Stores the sum over all lanes of each of the four vectors.
 template <class D, class V = hn::Vec<D>>
 void sum_lanes(D d, V a, V b, V c, V e, float* sums) {
 #if HWY_TARGET == HWY_SCALAR
@@ -195,7 +202,8 @@ void sum_lanes(D d, V a, V b, V c, V e, float* sums) {
 #endif
 }
 
-/// The window's brightest signal above the fixed threshold, for the relative one.
+/// Returns the window's brightest signal above the fixed threshold, which the relative threshold
+/// needs.
 template <class D, typename Pixel, bool kMaps>
 float brightest(const CentroidPlan& plan, const Pixel* pixels, const CentroidPlan::Spot& spot) {
   const D d;
@@ -210,13 +218,14 @@ float brightest(const CentroidPlan& plan, const Pixel* pixels, const CentroidPla
   return hn::GetLane(hn::MaxOfLanes(d, peak));
 }
 
-/// One pass down each chunk of columns: x enters only once a column, in VectorMoments.
+/// Sums the window in one pass down each chunk of columns. Only VectorMoments multiplies by x, once
+/// per column.
 template <class D, typename Pixel, bool kMaps>
 WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const CentroidPlan::Spot& spot,
                       SignalVariance model) {
   using V = hn::Vec<D>;
   const D d;
-  float raised = 0.0F;  // how far the relative threshold lies above the fixed one
+  float raised = 0.0F;  // says how far the relative threshold lies above the fixed one
   if (plan.relative_threshold > 0.0F) {
     const float peak = plan.threshold + brightest<D, Pixel, kMaps>(plan, pixels, spot);
     raised = std::max(plan.relative_threshold * peak - plan.threshold, 0.0F);
@@ -273,7 +282,7 @@ void clear(Centroids& out, std::size_t k, LensletState state, float flux_adu) no
   out.state[k] = state;
 }
 
-/// The lenslet's centroid, noise and state from its window's sums.
+/// Writes the lenslet's centroid, noise and state from its window's sums.
 void finish(const CentroidPlan& plan, const CentroidPlan::Spot& spot, const WindowSums& sums,
             std::size_t k, Centroids& out) noexcept {
   const float flux_adu = sums.v * plan.adu_per_count;
@@ -324,7 +333,7 @@ void measure_rows(const CentroidPlan& plan, FrameView frame, int first, int last
       clear(out, k, LensletState::kUnlit, 0.0F);
       continue;
     }
-    // The narrowest vector that holds the window, and none wider than the frame.
+    // This is the narrowest vector that holds the window, but never wider than the frame.
     const int width = std::min(spot.w > 8 ? 16 : spot.w > 4 ? 8 : 4, plan.frame_cols);
     WindowSums sums;
     if (width >= 16) {

@@ -1,4 +1,5 @@
-// Pixels to centroids: dark, flat, bad pixels, threshold, moments and their noise, in one pass.
+// This file declares the step from pixels to centroids. One pass applies dark, flat, bad pixels and
+// threshold and sums the moments and their noise.
 #pragma once
 
 #include <cstddef>
@@ -12,51 +13,63 @@
 
 namespace curlew {
 
-/// What counts as light and which lenslets count. The threshold T is the largest of the three; a
-/// pixel's signal is what exceeds it, max(I − T, 0), so that a pixel at T adds no step.
+/// These options say what counts as light and which lenslets count. The threshold T is the largest
+/// of the three thresholds. A pixel's signal is what exceeds it, max(I − T, 0), so that the signal
+/// does not jump where a pixel reaches T.
 struct CentroidOptions {
   double threshold_adu = 0.0;       ///< T above the background, in ADU
   double threshold_relative = 0.0;  ///< T as a fraction of the window's peak above the background
   double threshold_noise = 4.0;     ///< T in standard deviations of the read noise
-  double min_snr = 5.0;             ///< fainter than this (flux over its noise) is missing
-  double edge_fraction = 0.1;  ///< a spot this near (in window widths) its window's edge is missing
-  double max_bad_fraction = 0.25;  ///< a window with more of its pixels bad is missing
+  double min_snr = 5.0;             ///< least flux over its noise; a lenslet below it is missing
+  /// A spot as near as this to its window's edge is missing; the unit is the window's width.
+  double edge_fraction = 0.1;
+  double max_bad_fraction = 0.25;  ///< a window with a larger fraction of bad pixels is missing
 
-  /// How positions are found; flux and second moments are always those above T. What is said of
-  /// the others: centroid_methods.h. kPlain: T is 0.
+  /// This says how positions are found; centroid_methods.h describes all methods but the two
+  /// centres of gravity. Flux and second moments are always those above T. For kPlain, T is 0.
   CentroidMethod method = CentroidMethod::kThresholded;
-  /// σ of the Gaussian of kWeighted, kCorrelation and kMaximumLikelihood. 0: .42 λ/w, which is the
-  /// spot's own width at the diffraction limit, or a sixth of the window where λ/w is not known.
+  /// This is the σ of the Gaussian that kWeighted, kCorrelation and kMaximumLikelihood use. 0
+  /// stands for .42 λ/w, which is the spot's own width at the diffraction limit, or for a sixth of
+  /// the widest window where λ/w is not known.
   double spot_sigma_px = 0.0;
-  /// Of kWeighted: with how much light (in read noises: 3 are 3 times its electrons) the reference
-  /// holds the spot. Dark lenslets then report small slopes instead of their noise.
+  /// kWeighted pulls the spot towards its reference as strongly as this much light there would; the
+  /// unit is the read noise in electrons. Dark lenslets then report small slopes instead of their
+  /// noise.
   double reference_pull = 3.0;
-  int brightest_pixels = 0;  ///< of kBrightestPixels; 0: a quarter of the window's, 64 at most
+  /// kBrightestPixels uses so many pixels. 0 stands for a quarter of the pixels of the largest
+  /// window, and for 64 at most.
+  int brightest_pixels = 0;
 };
 
-/// All that the centroid kernel needs, in the frame's own counts. Built once per sensor, frame
-/// format and options; const and shared afterwards.
+/// The plan holds all that the centroid kernel needs, in the frame's own counts. It is made once
+/// per sensor, frame format and options; it is const and shared afterwards.
 struct CentroidPlan {
-  /// Throws Failure when the format's size, offset or binning is not the sensor's or the sensor's
-  /// maps are of another size, UsageError when an option is out of its range.
+  /// Throws Failure when the format's size, offset or binning is not the sensor's, when the frame
+  /// has fewer than 4 columns, when a map or a window of the sensor does not fit the frame, or when
+  /// the sensor was calibrated for another method. Throws UsageError when an option is out of its
+  /// range or a window is too large for the method.
   CentroidPlan(const Sensor& sensor, const FrameFormat& format,
                const CentroidOptions& options = {});
 
-  /// One lenslet's window. Inside the kernel coordinates are relative to the window's centre.
+  /// A Spot describes one lenslet's window. Inside the kernel all coordinates are relative to the
+  /// window's centre.
   struct Spot {
     int x0 = 0;  ///< first column; the window is w by h pixels
     int y0 = 0;
     int w = 0;
     int h = 0;
-    float min_x = 0;  ///< nearer the edge than this, relative to the centre, is kAtEdge
+    /// These are the limits of a valid spot from the window's centre, in px. Beyond them it is
+    /// kAtEdge.
+    float min_x = 0;
     float max_x = 0;
     float min_y = 0;
     float max_y = 0;
-    std::size_t map = 0;  ///< where the window's rows begin in gain and offset
-    LensletState state = LensletState::kUnlit;  ///< as far as known beforehand
+    std::size_t map = 0;  ///< index of the window's first pixel in gain and offset
+    /// This is what is known before any frame: kUnlit, kBadPixels or kValid.
+    LensletState state = LensletState::kUnlit;
   };
 
-  /// Rows of the frame that must be ready before lenslet row `row` can be measured.
+  /// Returns how many rows of the frame must be ready before lenslet row `row` can be measured.
   int frame_rows_needed(int row) const { return rows_needed_[static_cast<std::size_t>(row)]; }
 
   Image<Spot> spots;  ///< [rows, cols] of lenslets
@@ -64,26 +77,26 @@ struct CentroidPlan {
   int frame_cols = 0;
   PixelType pixel_type = PixelType::kU16;
 
-  // A pixel's signal is max(gain·count − offset, 0), offset = gain·dark + T;
-  // bad pixels have gain 0. Window after window, each [h, w], in the order in which the kernel
-  // walks: memory is read straight on. Both empty where neither dark, flat nor bad pixels are
-  // known: then gain is 1 and the offset uniform. kMapMargin values before and after may be loaded
-  // and are never used.
+  // A pixel's signal is max(gain·count − offset, 0) with offset = gain·dark + T. Bad pixels have
+  // gain 0. The maps hold one window [h, w] after another, in the order in which the kernel reads
+  // them, so that memory is read straight on. Both are empty where neither dark, flat nor bad
+  // pixels are known; then the gain is 1 and the offset uniform. The kernel may load up to
+  // kMapMargin values before and after the maps, but never uses them.
   static constexpr std::size_t kMapMargin = 16;
   AlignedVector<float> gain;
   AlignedVector<float> offset;
   float uniform_offset = 0;
 
-  float threshold = 0;  ///< T in counts, without the relative one
+  float threshold = 0;  ///< T in counts, without the relative threshold
   float relative_threshold = 0;
-  float saturation = 0;       ///< counts; infinite where unknown
+  float saturation = 0;       ///< counts; infinite where it is not known
   float adu_per_count = 1;    ///< FrameFormat::scale_adu
-  float counts_per_e = 0;     ///< 0 where the detector's gain is unknown: no photon noise then
+  float counts_per_e = 0;     ///< 0 where the detector's gain is not known; no photon noise then
   float pixel_variance = 0;   ///< read noise and quantisation, counts²
   float min_snr_squared = 0;  ///< CentroidOptions::min_snr²
 
   CentroidMethod method = CentroidMethod::kThresholded;
-  // Of methods other than the centres of gravity:
+  // The members below are used only by methods that are not centres of gravity.
   float spot_sigma_px = 0;
   float reference_pull = 0;  ///< counts
   int brightest_pixels = 0;
@@ -94,24 +107,25 @@ struct CentroidPlan {
   std::vector<int> rows_needed_;
 };
 
-/// Measures every lenslet's spot. What follows is said of the centres of gravity; for the other
-/// methods see centroid_methods.h. The frame must be of the plan's format and `centroids` of the
-/// plan's lenslets. Where x̄ = Σvx/Σv over the window's signals v:
+/// Measures every lenslet's spot. The list below describes the centres of gravity;
+/// centroid_methods.h describes the other methods. The frame must be of the plan's format, and the
+/// maps of `centroids` must be of the size of plan.spots. Here v is the signal of a pixel of the
+/// window, F = Σv, and x̄ = Σvx/F:
 ///
-/// - x_px, y_px: the centre of gravity; xx, yy, xy: central second moments, both of the signal
-///   above the threshold;
-/// - variances: first-order propagation of photon, read and quantisation noise through the
-///   thresholded ratio, Σ Var(v)(x − x̄)²/F², see variance_of_signal() in
-///   centroid.cpp;
-/// - a lenslet that is unlit, faint, saturated, at its window's edge or has too many bad pixels
-///   says so in `state` and holds zeros, except for its flux.
+/// - x_px and y_px are the centre of gravity, and xx, yy and xy the central second moments, both of
+///   the signal above the threshold.
+/// - The variances follow from photon, read and quantisation noise by first-order propagation
+///   through the thresholded ratio, Σ Var(v)(x − x̄)²/F²; see variance_of_signal() in centroid.cpp.
+/// - `state` says which lenslets are unlit, faint, saturated, at their window's edge or have too
+///   many bad pixels. Faint spots and those at the edge keep what was measured. All others that are
+///   not valid hold zeros, except for their flux.
 ///
-/// Same pixels, same plan: same bits.
+/// The same pixels and the same plan always give the same bits.
 void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids) noexcept;
 
-/// The same for lenslet rows [first, last), for frames that are still arriving:
-/// the frame's first plan.frame_rows_needed(last − 1) rows are read and no more. Call for ascending
-/// rows; n_valid and n_saturated start again at row 0.
+/// Measures lenslet rows [first, last) only, for frames that are still arriving. It reads the
+/// frame's first plan.frame_rows_needed(last − 1) rows and no more. The rows must be measured in
+/// ascending order, because n_valid and n_saturated start again at row 0.
 void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
                          Centroids& centroids) noexcept;
 

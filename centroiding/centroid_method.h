@@ -1,4 +1,4 @@
-// CentroidMethod: the ways from a window's pixels to its spot's position.
+// CentroidMethod names the ways to find the position of a spot from its window's pixels.
 #pragma once
 
 #include <array>
@@ -8,15 +8,18 @@
 namespace curlew {
 
 enum class CentroidMethod {
-  kThresholded,        ///< centre of gravity of what exceeds a threshold, less the threshold
-  kPlain,              ///< of what exceeds the background
-  kWeighted,           ///< of all light, under a Gaussian that follows the spot
-  kCorrelation,        ///< peak of the correlation with a Gaussian, by parabola
-  kBrightestPixels,    ///< centre of gravity of the brightest pixels, less the brightest other one
-  kMaximumLikelihood,  ///< fit of a Gaussian of known width and a background
+  kThresholded,  ///< centre of gravity of the light above a threshold, with the threshold
+                 ///< subtracted
+  kPlain,        ///< centre of gravity of the light above the background
+  kWeighted,     ///< centre of gravity of all light, weighted by a Gaussian that follows the spot
+  kCorrelation,  ///< peak of the correlation with a Gaussian, refined by a parabola
+  kBrightestPixels,    ///< centre of gravity of the n brightest pixels, less the brightness of the
+                       ///< next
+  kMaximumLikelihood,  ///< fit of a Gaussian of known width and of a background
 };
 
-/// Their names in configurations, files and on the command line, in this order.
+/// These are the methods' names in configurations, in files and on the command line, in the order
+/// of the enum.
 inline constexpr std::array<std::string_view, 6> kCentroidMethodNames = {
     "thresholded", "plain", "weighted", "correlation", "brightest_pixels", "maximum_likelihood"};
 
@@ -24,7 +27,8 @@ constexpr std::string_view name_of(CentroidMethod method) {
   return kCentroidMethodNames[static_cast<std::size_t>(method)];
 }
 
-/// Whether threshold and centre of gravity are all there is to it (centroid.cpp).
+/// Returns whether the method is done after threshold and centre of gravity, both of which
+/// centroid.cpp computes.
 constexpr bool is_centre_of_gravity(CentroidMethod method) {
   return method == CentroidMethod::kThresholded || method == CentroidMethod::kPlain;
 }

@@ -5,7 +5,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "centroiding/centroid_methods.cpp"
 #include "hwy/foreach_target.h"
-// foreach_target.h comes first.
+// Highway needs foreach_target.h before the headers below.
 
 #include "centroiding/brightest_centroid-inl.h"
 #include "centroiding/correlation_centroid-inl.h"
@@ -20,7 +20,7 @@ namespace curlew::HWY_NAMESPACE {
 namespace {
 
 void find(const CentroidPlan& plan, FrameView frame, int first, int last, Centroids& out) {
-  alignas(64) WindowBuffer light;  // not cleared: only what is loaded is read
+  alignas(64) WindowBuffer light;  // It is not cleared, for only what is loaded is read.
   alignas(64) GroupPositions found;
   const std::size_t lanes = lane_count();
   WindowGroup group;

@@ -103,7 +103,8 @@ double default_spot_sigma_px(const Sensor& sensor) {
 
 double or_zero(double value) { return std::isfinite(value) ? value : 0.0; }
 
-// A pixel without a usable dark or response is as bad as one that the sensor declares bad.
+// Returns whether pixel i of the frame is bad. A pixel without a usable dark or response is as bad
+// as one that the sensor declares bad.
 bool is_bad(const Sensor& sensor, std::size_t i) {
   if (!sensor.bad_pixel.empty() && sensor.bad_pixel[i] != 0) return true;
   if (!sensor.dark_adu.empty() && !std::isfinite(sensor.dark_adu[i])) return true;
@@ -123,7 +124,7 @@ bool window_is_bad(const Sensor& sensor, const Window& window, double max_bad_fr
 }
 
 // Sets how near the two ends of the window, relative to its centre, the spot may come. Where the
-// detector's rim cuts a window off, the reference is near an end already; the spot may then go half
+// detector's rim cuts a window off, the reference is near an end already. The spot may then go half
 // of the way from there to the end.
 void set_limits(int start, int length, double reference, double edge_fraction, float& low,
                 float& high) {

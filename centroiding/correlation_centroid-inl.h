@@ -75,8 +75,8 @@ inline void correlate(const Windows& windows, const SampledGaussian& gaussian,
   }
 }
 
-/// Finds the brightest pixel of each lenslet's correlation. It is counted from the window's first
-/// pixel here.
+/// Finds the brightest pixel of each lenslet's correlation. Its position is counted from the
+/// window's first pixel.
 inline void find_peaks(const Windows& windows, const WindowBuffer& correlation,
                        GroupPositions& found) {
   const std::size_t lanes = lane_count();

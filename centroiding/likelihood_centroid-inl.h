@@ -1,5 +1,6 @@
-// kMaximumLikelihood; see centroid_methods.h.
-// Compiled anew for every instruction set: the guard is Highway's.
+// This file finds positions by kMaximumLikelihood, which centroid_methods.h describes.
+//
+// Highway compiles it anew for every instruction set, which is why the include guard toggles.
 #if defined(CURLEW_LIKELIHOOD_CENTROID_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef CURLEW_LIKELIHOOD_CENTROID_INL_H_
 #undef CURLEW_LIKELIHOOD_CENTROID_INL_H_
@@ -18,8 +19,8 @@ namespace curlew::HWY_NAMESPACE {
 inline constexpr int kLikelihoodSteps = 6;
 inline constexpr float kSqrtTwoPi = 2.5066283F;
 
-/// Lower Cholesky factor, in place, of a symmetric 4×4 matrix a lane; where a pivot is not positive
-/// ok is cleared and the factor means nothing.
+/// Replaces the symmetric 4×4 matrix of each lane by its lower Cholesky factor. Where a pivot is
+/// not positive, `ok` is cleared and the factor means nothing.
 inline void factor(V (&a)[4][4], M& ok) {
   for (int j = 0; j < 4; ++j) {
     V pivot = a[j][j];
@@ -36,10 +37,11 @@ inline void factor(V (&a)[4][4], M& ok) {
   }
 }
 
-/// windows hold kBad where a pixel does not count.
+/// Finds the positions of a group's spots by kMaximumLikelihood. The windows hold kBad where a
+/// pixel does not count.
 inline void find_most_likely(const CentroidPlan& plan, const Windows& windows,
                              GroupPositions& found) {
-  alignas(64) WindowBuffer clean;  // not cleared: only what is written is read
+  alignas(64) WindowBuffer clean;  // It is not cleared, for only what is written is read.
   for (std::size_t i = 0; i < windows.h * windows.w * lane_count(); ++i)
     clean[i] = windows.light[i] > 0.5F * kBad ? windows.light[i] : kNothing;
   Windows start = windows;
@@ -52,11 +54,12 @@ inline void find_most_likely(const CentroidPlan& plan, const Windows& windows,
   const V half_x = load(group.half_x), half_y = load(group.half_y);
   const V max_x = hn::Mul(width, set(0.5F)), max_y = hn::Mul(height, set(0.5F));
   V x = load(found.x), y = load(found.y);
-  // Amplitude, so that g has height 1. Peaks from Σ I·g, which is half of 2π·s² of them.
+  // The amplitude is the height of the fitted Gaussian, because g has height 1. It begins with what
+  // Σ I·g says: this sum is half of the flux, and the flux is 2π·s² times the height.
   V amplitude = hn::Max(hn::Mul(load(found.signal), set(2.0F / (kSqrtTwoPi * kSqrtTwoPi * s * s))),
                         hn::Zero(d));
   V background = hn::Zero(d);
-  // Every pixel the same variance where none is known.
+  // Every pixel has the same variance where the noise is not known.
   const V constant = plan.pixel_variance > 0.0F ? windows.constant : set(1.0F);
   Axis ax, ay;
   V a[4][4];
@@ -102,13 +105,14 @@ inline void find_most_likely(const CentroidPlan& plan, const Windows& windows,
       b[m] = hn::Div(b[m], a[m][m]);
     }
     const auto allowed = [&](V change) { return hn::IfThenElseZero(ok, change); };
-    constexpr float kMinLeft = 0.2F;  // of the amplitude
+    // A step leaves at least this fraction of the amplitude.
+    constexpr float kMinLeft = 0.2F;
     amplitude = hn::Max(hn::Add(amplitude, allowed(b[0])), hn::Mul(amplitude, set(kMinLeft)));
     background = hn::Add(background, allowed(b[1]));
     x = clamped(hn::Add(x, clamped(allowed(b[2]), set(s))), max_x);
     y = clamped(hn::Add(y, clamped(allowed(b[3]), set(s))), max_y);
   }
-  // The last block of the inverse is that of L⁻ᵀ·L⁻¹.
+  // The last 2×2 block of the inverse of L·Lᵀ is that of L⁻ᵀ·L⁻¹.
   const V inverse_xx = hn::Div(set(1.0F), a[2][2]);
   const V inverse_yy = hn::Div(set(1.0F), a[3][3]);
   const V mixed = hn::Neg(hn::Mul(hn::Mul(a[3][2], inverse_xx), inverse_yy));

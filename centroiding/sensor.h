@@ -1,4 +1,5 @@
-// Sensor: all that calibration knows of one Shack–Hartmann sensor; the content of SENSOR.fits.
+// Sensor holds all that calibration knows of one Shack–Hartmann sensor. It is the content of
+// SENSOR.fits, which docs/files.md describes.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +13,7 @@
 
 namespace curlew {
 
-/// A lenslet's window on the detector, in whole pixels.
+/// This is a lenslet's window on the detector, in whole pixels.
 struct Window {
   int x0 = 0;
   int y0 = 0;
@@ -24,7 +25,7 @@ struct Sensor {
   Optics optics;
   Detector detector;
 
-  // The frames this calibration fits.
+  // This calibration fits only frames of the format that these members describe.
   int frame_rows = 0;
   int frame_cols = 0;
   int offset_x_px = 0;
@@ -32,23 +33,23 @@ struct Sensor {
   int binning = 1;
 
   LensletGrid grid;
-  double residual_px = 0.0;  ///< rms distance of reference spots from the grid
+  double residual_px = 0.0;  ///< rms distance of the reference spots from the grid
 
-  // [rows, cols] of lenslets
+  // These maps are [rows, cols] of lenslets.
   Image<std::uint8_t> valid;  ///< 1 where a lenslet is lit
-  Image<float> ref_x_px;      ///< reference spots; NaN where not valid
+  Image<float> ref_x_px;      ///< position of the reference spot; NaN where not valid
   Image<float> ref_y_px;
   Image<Window> window;  ///< {0,0,0,0} where not valid
-  Image<float> gain_x;   ///< measured over true displacement, 1 where nothing is cut off
+  Image<float> gain_x;   ///< measured over true displacement, 1 where the window cuts off no light
   Image<float> gain_y;   ///< NaN where not valid
-  CentroidMethod method = CentroidMethod::kThresholded;            ///< that the gains are of
-  double spot_blur_px = std::numeric_limits<double>::quiet_NaN();  ///< σ; NaN: not known
-  Image<float> flux_adu;  ///< reference spots' flux above threshold; NaN where not valid
+  CentroidMethod method = CentroidMethod::kThresholded;  ///< the gains were measured for it
+  double spot_blur_px = std::numeric_limits<double>::quiet_NaN();  ///< σ; NaN where it is not known
+  Image<float> flux_adu;  ///< flux of the reference spots above the threshold; NaN where not valid
 
-  // [frame_rows, frame_cols], empty where not given
+  // These maps are [frame_rows, frame_cols], and empty where they were not given.
   double background_adu = 0.0;  ///< subtracted where there is no dark
   Image<float> dark_adu;
-  Image<float> flat;  ///< response, mean 1 over good pixels
+  Image<float> flat;  ///< response of the pixels, mean 1 over the good ones
   Image<std::uint8_t> bad_pixel;
 };
 
@@ -61,7 +62,7 @@ inline void drop_lenslet(Sensor& sensor, std::size_t k) {
     (*map)[k] = std::numeric_limits<float>::quiet_NaN();
 }
 
-/// Adds pixels to the sensor's bad ones. bad: [frame_rows, frame_cols] or empty.
+/// Adds `bad` to the sensor's bad pixels. The map is [frame_rows, frame_cols] or empty.
 inline void add_bad_pixels(Sensor& sensor, const Image<std::uint8_t>& bad) {
   if (bad.empty()) return;
   if (sensor.bad_pixel.empty()) sensor.bad_pixel = Image<std::uint8_t>(bad.rows(), bad.cols());

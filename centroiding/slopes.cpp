@@ -14,8 +14,8 @@
 namespace curlew {
 namespace {
 
-/// σ of a diffraction-limited spot's core, λ/w: what is known of a weak spot whose few photons all
-/// fell on one row or column, and give 0 for their variance.
+/// This is the σ of a diffraction-limited spot's core, in λ/w. It is all that is known of a weak
+/// spot whose few photons all fell on one row or column, so that they give a variance of 0.
 constexpr double kSpotSigma = 0.42;
 
 void require_length(double value, const std::string& name) {
@@ -26,7 +26,7 @@ void require_length(double value, const std::string& name) {
   }
 }
 
-/// See SlopePlan::gain_error_x; [rows, cols], 0 where not valid.
+/// Returns SlopePlan::gain_error_x or gain_error_y; it is [rows, cols], and 0 where not valid.
 Image<float> gain_error(const Image<float>& gain, const Image<std::uint8_t>& valid) {
   std::vector<float> sorted;
   for (std::size_t k = 0; k < gain.size(); ++k) {
@@ -95,13 +95,14 @@ namespace {
 
 enum class Spot : std::uint8_t { kMissing, kDark, kWeak, kMeasured };
 
-/// spot_of(k): what is known of lenslet k.
+/// Computes all slopes; spot_of(k) says what is known of lenslet k.
 template <typename SpotOf>
 void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slopes,
              SpotOf spot_of) noexcept {
   check_size("measure_slopes", "centroids", size_of(centroids.state), size_of(plan.ref_x_px));
   check_size("measure_slopes", "slopes", size_of(slopes), size_of(plan.ref_x_px));
-  // Locals, because a store through a float pointer might otherwise change the plan's floats.
+  // These are locals, because a store through a float pointer might otherwise change the plan's
+  // floats.
   const float m11 = plan.m11, m12 = plan.m12, m21 = plan.m21, m22 = plan.m22;
   int n_valid = 0;
   for (std::size_t k = 0; k < plan.ref_x_px.size(); ++k) {
@@ -127,7 +128,7 @@ void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slop
     const float variance_x = m11 * m11 * vx + 2.0F * m11 * m12 * c + m12 * m12 * vy;
     const float variance_y = m21 * m21 * vx + 2.0F * m21 * m22 * c + m22 * m22 * vy;
     const float covariance = m11 * m21 * vx + (m11 * m22 + m12 * m21) * c + m12 * m22 * vy;
-    // A little light tells no less than none.
+    // A weak spot cannot be less well known than a dark one, which may be anywhere in its window.
     const float maximum = plan.window_variance[k];
     const bool lost = weak && std::max(variance_x, variance_y) > maximum;
     slopes.variance_x[k] = dark + (lost ? std::min(variance_x, maximum) : variance_x);

@@ -1,4 +1,5 @@
-// Centroids to slopes: displacements from the reference, along the lenslet axes, in radians.
+// This file declares the step from centroids to slopes: displacements from the reference are
+// resolved along the lenslet axes and turned into radians.
 #pragma once
 
 #include "centroiding/sensor.h"
@@ -8,48 +9,52 @@
 
 namespace curlew {
 
-/// What turns a displacement into a slope, lenslet by lenslet.
+/// The plan holds what turns each lenslet's displacement into a slope.
 struct SlopePlan {
-  /// Throws Failure when optics or grid cannot give a slope: a length that is unknown or not
-  /// positive, a grid without area, a lenslet without reference or gain.
+  /// Throws Failure when optics or grid cannot give a slope: a length is unknown or not positive,
+  /// the grid has no area, or a valid lenslet has no reference or gain.
   explicit SlopePlan(const Sensor& sensor);
 
   Image<float> ref_x_px;  ///< [rows, cols] of lenslets; 0 where not valid
   Image<float> ref_y_px;
   Image<float> inverse_gain_x;
   Image<float> inverse_gain_y;
-  /// Relative error of the gain, half of what it lies below the median lenslet's: a window whose
-  /// light reaches its edge is linear only for small displacements. A displacement d adds
-  /// (error·d)² to the variance.
+  /// This is the relative error of the gain: half of the fraction by which the gain lies below the
+  /// median lenslet's, because a window whose light reaches its edge is linear only for small
+  /// displacements. A displacement d adds (error·d)² to the variance.
   Image<float> gain_error_x;
   Image<float> gain_error_y;
-  float spot_variance_px2 = 0;   ///< of a spot's core, for weak ones that cannot tell theirs
-  Image<float> window_variance;  ///< of a spot that may be anywhere in its window, rad²
+  /// This is the variance of a spot's core. It stands in for that of weak spots whose own variance
+  /// is 0.
+  float spot_variance_px2 = 0;
+  /// This is the variance of a spot that may be anywhere in its window, in rad² per pitch².
+  Image<float> window_variance;
 
-  // slope = M·(dx/gain_x, dy/gain_y), rad per pitch per px: pitch_px·P⁻¹ turns pixels into pixels
-  // along the lenslet axes, 2π·w·p/(λ·f·m) those into radians (DESIGN.md, Conventions).
+  // slope = M·(dx/gain_x, dy/gain_y), where M is in rad per pitch per px: pitch_px·P⁻¹ turns pixels
+  // into pixels along the lenslet axes, and 2π·w·p/(λ·f·m) turns those into radians
+  // (docs/conventions.md, "Slopes, circulation, charge").
   float m11 = 0;
   float m12 = 0;
   float m21 = 0;
   float m22 = 0;
 };
 
-/// Slopes s = w·G (rad per pitch, along column and row axis) and their noise from the centroids;
-/// [rows, cols] of all three must agree. Variances and covariance pass through the same linear map.
-/// A lenslet whose centroid is not valid is missing: valid 0 and zeros. A spot exactly on its
-/// reference has a slope of exactly 0.
+/// Computes the slopes s = w·G (rad per pitch, along column and row axis) and their noise from the
+/// centroids. [rows, cols] of all three must agree. Variances and covariance pass through the same
+/// linear map. A lenslet whose centroid is not valid is missing: its `valid` is 0, and its other
+/// values are zeros. A spot exactly on its reference has a slope of exactly 0.
 void measure_slopes(const SlopePlan& plan, const Centroids& centroids, SlopeField& slopes) noexcept;
 
-/// The same, but weak spots count, with the noise they have: vortices sit in the dark, and a slope
-/// known badly is better than none where noise is accounted for. A faint spot, or one at the edge
-/// of its window, has its slope; where a lit lenslet shows nothing above the threshold the slope is
-/// 0 with window_variance. Missing are only lenslets that are saturated or have bad pixels, or that
-/// the sensor does not have.
+/// Computes slopes as measure_slopes() does, but keeps weak spots with the noise that they have.
+/// Vortices sit in the dark, and a badly known slope is better than none where noise is accounted
+/// for. A faint spot, or one at the edge of its window, has its slope. A lit lenslet without any
+/// light above the threshold has a slope of 0 with window_variance. Only lenslets that are
+/// saturated or unlit, or have too many bad pixels, are missing.
 void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
                          SlopeField& slopes) noexcept;
 
-/// Of weak slopes those that measure_slopes gives, bit for bit where lenslets are valid: the maps
-/// are read once and not measured twice.
+/// Copies the slopes of valid lenslets from `weak` to `slopes`; all others are missing there. The
+/// result is bit for bit that of measure_slopes(), but the slopes need not be computed twice.
 void leave_out_weak(const Centroids& centroids, const SlopeField& weak,
                     SlopeField& slopes) noexcept;
 

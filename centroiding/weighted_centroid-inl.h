@@ -1,5 +1,6 @@
-// kWeighted; see centroid_methods.h.
-// Compiled anew for every instruction set: the guard is Highway's.
+// This file finds positions by kWeighted, which centroid_methods.h describes.
+//
+// Highway compiles it anew for every instruction set, which is why the include guard toggles.
 #if defined(CURLEW_WEIGHTED_CENTROID_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef CURLEW_WEIGHTED_CENTROID_INL_H_
 #undef CURLEW_WEIGHTED_CENTROID_INL_H_
@@ -16,7 +17,7 @@ namespace curlew::HWY_NAMESPACE {
 
 inline constexpr int kWeightedSteps = 3;
 
-/// `pull` in counts.
+/// Finds the positions of a group's spots by kWeighted. `pull` is in counts.
 inline void find_weighted(const CentroidPlan& plan, const Windows& windows, float pull,
                           GroupPositions& found) {
   const WindowGroup& group = windows.group;
@@ -54,10 +55,12 @@ inline void find_weighted(const CentroidPlan& plan, const Windows& windows, floa
   store(x, found.x);
   store(y, found.y);
 
-  // Noise. One step moves x by dI·g·u/(S + c); what a step had moved, the next keeps by
-  // r = Σ I·g·u²/s²/(S + c), the spot's width under the weight: 1 + r + r² of it are left.
+  // The noise follows from how light moves the position. In one step, a change dI of a pixel's
+  // light moves x by dI·g·u/(S + c) with S = Σ I·g. Each further step keeps the fraction r = Σ
+  // I·g·u²/s²/(S + c) of the move, which is the spot's width under the weight. After three steps
+  // the move is 1 + r + r² times that of one.
   V sum = hn::Zero(d), sum_xx = sum, sum_yy = sum;
-  V q = sum, q_xx = sum, q_yy = sum, q_xy = sum;  // Σ Var(I)·g²·…
+  V q = sum, q_xx = sum, q_yy = sum, q_xy = sum;  // sums of the kind Σ Var(I)·g²·…
   for (std::size_t i = 0; i < windows.h; ++i) {
     V row = hn::Zero(d), row_xx = row, row_q = row, row_qx = row, row_qxx = row;
     for (std::size_t j = 0; j < windows.w; ++j) {
@@ -84,20 +87,23 @@ inline void find_weighted(const CentroidPlan& plan, const Windows& windows, floa
     return ratio(hn::MulAdd(hn::Add(r, set(1.0F)), r, set(1.0F)), all);
   };
   const V rx = response(sum_xx), ry = response(sum_yy);
-  // Widened, so that D beyond 2.8 to 3.8 σ is about as frequent as for a Gaussian (Monte Carlo on
-  // sinc² spots of 200 and 1000 photons): by 11/F as the variance scatters with the photons that it
-  // is taken from, see kWidening in centroid.cpp, and by what the spot's rings add, 5.5 %.
+  // The variance is widened, so that D beyond 2.8 to 3.8 σ is about as frequent as for a Gaussian
+  // (Monte Carlo on sinc² spots of 200 and 1000 photons). It is widened by 11/F because the
+  // variance scatters with the photons that it is estimated from, see kWidening in centroid.cpp,
+  // and by 5.5 % for the light in the spot's rings.
   const V flux = hn::Add(sum, sum);
   const V widened = hn::Add(set(1.055F), ratio(hn::Mul(set(11.0F), windows.per_count), flux));
-  // Never below what the read noise alone comes to: Σ k·I may be negative.
-  const V minimum = hn::Mul(windows.constant, set(0.39F * s2 * s2));  // half of σ²·π·s⁴/4
+  // The sums over all pixels may be negative, because Σ k·I may be. Read noise alone makes them
+  // σ²·π·s⁴/2, and at least a quarter of this is kept.
+  const V minimum = hn::Mul(windows.constant, set(0.39F * s2 * s2));
   const V wx = hn::Mul(rx, widened);
   store(hn::Mul(hn::Mul(rx, wx), hn::Max(q_xx, minimum)), found.variance_x);
   store(hn::Mul(hn::Mul(ry, hn::Mul(ry, widened)), hn::Max(q_yy, minimum)), found.variance_y);
   store(hn::Mul(hn::Mul(wx, ry), q_xy), found.covariance);
   store(sum, found.signal);
   store(hn::Max(q, hn::Zero(d)), found.signal_variance);
-  store(hn::Add(sum, sum), found.flux);  // Σ of g times a spot as wide as g: half of the spot
+  // The sum of g times a spot as wide as g is half of the spot's light.
+  store(hn::Add(sum, sum), found.flux);
 }
 
 }  // namespace curlew::HWY_NAMESPACE

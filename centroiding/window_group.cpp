@@ -6,7 +6,7 @@
 namespace curlew {
 namespace {
 
-/// The method sees no light here, whatever the threshold let pass.
+/// Clears a lenslet in which the method sees no light, even if the threshold let some pass.
 void clear_spot(Centroids& out, std::size_t k, LensletState state) noexcept {
   out.x_px[k] = out.y_px[k] = out.flux_adu[k] = 0.0F;
   out.xx_px2[k] = out.yy_px2[k] = out.xy_px2[k] = 0.0F;

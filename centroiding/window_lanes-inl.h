@@ -1,6 +1,7 @@
-// As many lenslets at once as a vector has lanes: a lane is a lenslet, and no sum ever runs across
-// lanes.
-// Compiled anew for every instruction set: the guard is Highway's.
+// This file holds what all methods on window groups share. Each lane of a vector is one lenslet,
+// and no sum ever runs across lanes.
+//
+// Highway compiles it anew for every instruction set, which is why the include guard toggles.
 #if defined(CURLEW_WINDOW_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef CURLEW_WINDOW_LANES_INL_H_
 #undef CURLEW_WINDOW_LANES_INL_H_
@@ -28,12 +29,12 @@ inline V load(const LaneValues& values) { return hn::LoadU(d, values.data()); }
 inline void store(V value, LaneValues& to) { hn::StoreU(value, d, to.data()); }
 inline std::size_t lane_count() { return hn::Lanes(d); }
 
-/// The pixels of a group and their noise.
+/// These are the pixels of a group and their noise.
 struct Windows {
   const WindowGroup& group;
   const float* light;
   std::size_t w, h;
-  V per_count;  ///< variance of a pixel: per_count·I + constant, counts²
+  V per_count;  ///< A pixel's variance is per_count·I + constant, counts².
   V constant;
 
   V at(std::size_t y, std::size_t x) const {
@@ -41,8 +42,8 @@ struct Windows {
   }
 };
 
-/// A Gaussian of height 1 about a position, at the pixels of one axis: g, g·u and g·u², u from the
-/// position. 0 beyond the window.
+/// An Axis samples, at the pixels of one axis, a Gaussian g of height 1 about a position: g, g·u
+/// and g·u², where u is the distance from the position. All are 0 beyond the window.
 struct Axis {
   V g[kMaxSide];
   V gu[kMaxSide];
@@ -64,7 +65,7 @@ struct Axis {
 
 inline V clamped(V value, V limit) { return hn::Max(hn::Min(value, limit), hn::Neg(limit)); }
 
-/// x / y, and 0 where y is not positive.
+/// Returns x / y, and 0 where y is not positive.
 inline V ratio(V x, V y) {
   const M ok = hn::Gt(y, hn::Zero(d));
   return hn::IfThenElseZero(ok, hn::Div(x, hn::IfThenElse(ok, y, set(1.0F))));

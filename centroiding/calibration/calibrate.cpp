@@ -25,7 +25,7 @@ void check_size(const Image<T>& map, const Image<float>& reference, const char* 
                     reference.cols(), "×", reference.rows(), ": give files of one camera setting"));
 }
 
-/// The flat with mean 1 over good pixels; dead pixels join the bad ones.
+/// Adopts the flat with mean 1 over good pixels. Its dead pixels join the bad ones.
 void adopt_flat(Sensor& sensor, const CalibrationInput& input) {
   if (input.flat.empty()) return;
   sensor.flat = input.flat;
@@ -49,7 +49,7 @@ void adopt_flat(Sensor& sensor, const CalibrationInput& input) {
   for (float& response : sensor.flat) response /= mean;
 }
 
-/// The reference as the kernel sees it: less dark, over flat.
+/// Returns the reference as the kernel sees it: the dark is subtracted, and the flat divides.
 Image<float> correct(const Image<float>& reference, const Sensor& sensor) {
   Image<float> out = reference;
   for (std::size_t i = 0; i < out.size(); ++i) {
@@ -59,7 +59,7 @@ Image<float> correct(const Image<float>& reference, const Sensor& sensor) {
   return out;
 }
 
-/// Read noise and gain where they were not given; `noise_adu` is that of one frame.
+/// Fills in read noise and gain where they were not given; `noise_adu` is the noise of one frame.
 void complete_detector(Detector& detector, const CalibrationInput& input, double noise_adu,
                        std::vector<std::string>& notes) {
   if (std::isnan(detector.e_per_adu)) {
@@ -84,7 +84,8 @@ void complete_detector(Detector& detector, const CalibrationInput& input, double
   }
 }
 
-/// Many pixels at exactly the largest value are a detector's end, not light.
+/// Notes that the reference may be saturated: where many pixels hold exactly the largest value,
+/// that value is the detector's end and not light.
 void note_saturation(const CalibrationInput& input, std::vector<std::string>& notes) {
   if (!std::isnan(input.detector.saturation_adu)) return;
   float top = -std::numeric_limits<float>::max();
@@ -103,15 +104,16 @@ void note_saturation(const CalibrationInput& input, std::vector<std::string>& no
   }
 }
 
-/// The widest square window that leaves neighbours apart, whichever way the grid is turned.
+/// Returns the side of the widest square window that leaves neighbours apart, whichever way the
+/// grid is turned.
 int window_side(const LensletGrid& grid) {
-  constexpr double kTolerancePx = 0.1;  // a pitch of 6 is fitted as 5.9998
+  constexpr double kTolerancePx = 0.1;  // because a pitch of 6 may be fitted as 5.9998
   const double apart = std::min(std::max(std::abs(grid.p11), std::abs(grid.p21)),
                                 std::max(std::abs(grid.p12), std::abs(grid.p22)));
   return std::max(static_cast<int>(std::floor(apart + kTolerancePx)), 2);
 }
 
-/// Clipped to the frame; empty where less than half is left.
+/// Returns the window clipped to the frame. It is empty where less than half of it is left.
 Window window_at(double x, double y, int side, int frame_cols, int frame_rows) {
   const auto first = [side](double centre) {
     return static_cast<int>(std::lround(centre - 0.5 * (side - 1)));
@@ -124,7 +126,8 @@ Window window_at(double x, double y, int side, int frame_cols, int frame_rows) {
   return {x0, y0, x1 - x0, y1 - y0};
 }
 
-/// Takes from both, evenly, what [a0, a0+an) and [b0, b0+bn), a before b, share beyond one pixel.
+/// Takes away what [a0, a0+an) and [b0, b0+bn), of which a comes first, share beyond one pixel.
+/// Both lose half of it.
 void part(int& an, int& b0, int& bn, int shared) {
   const int excess = shared - 1;
   const int from_b = excess / 2;
@@ -133,7 +136,8 @@ void part(int& an, int& b0, int& bn, int shared) {
   bn -= from_b;
 }
 
-/// Spots off the grid bring windows together: parts them along the axis on which they share less.
+/// Parts two windows that spots off the grid bring together, along the axis on which they share
+/// less.
 void part_windows(Window& a, Window& b) {
   if (a.w == 0 || b.w == 0) return;
   const int in_x = std::min(a.x0 + a.w, b.x0 + b.w) - std::max(a.x0, b.x0);
@@ -161,12 +165,14 @@ void part_neighbours(Image<Window>& windows) {
   }
 }
 
-/// A gain well below the others' belongs to a smear or to a spot that the rim cuts. Below
-/// kMinGain most of a displacement is lost, and dividing would multiply noise.
+/// Sets the gains of all lenslets. A gain well below the others' belongs to a smear or to a spot
+/// that the rim cuts, and this lenslet is dropped. Below kMinGain most of a displacement is lost,
+/// and dividing by the gain would multiply noise.
 void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
                const std::vector<WindowGain>& gains, std::vector<std::string>& notes) {
   constexpr double kMinGain = 0.3;
-  // What a threshold lifts above 1 is little; that of the brightest pixels moves with the spot.
+  // A threshold lifts a gain only a little above 1. The threshold of the brightest pixels moves
+  // with the spot and lifts it more.
   const double max_gain = is_centre_of_gravity(sensor.method) ? 1.2 : 2.0;
   constexpr double kMinOfTypical = 0.7;
   std::vector<float> sure;
@@ -209,7 +215,7 @@ void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
   }
 }
 
-/// Windows, first references, flux and gain of every lit lenslet.
+/// Sets windows, first references, flux and gain of every lit lenslet.
 void measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>& light,
                    const CentroidOptions& options, double reference_noise_adu,
                    std::vector<std::string>& notes) {

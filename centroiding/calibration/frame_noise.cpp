@@ -10,8 +10,8 @@
 namespace curlew {
 
 FrameNoise estimate_frame_noise(const Sensor& sensor, const FrameFormat& format, FrameView frame) {
-  constexpr std::size_t kMinimum = 30;       // below, the median scatters by more than 20 %
-  constexpr double kMadOfGaussian = 0.6745;  // median |x| of a unit normal
+  constexpr std::size_t kMinimum = 30;       // With fewer, the median scatters by more than 20 %.
+  constexpr double kMadOfGaussian = 0.6745;  // median |x| of a unit normal distribution
   const auto pixel = [&](int y, int x) {
     const std::size_t i = static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.cols) +
                           static_cast<std::size_t>(x);

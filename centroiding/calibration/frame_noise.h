@@ -1,4 +1,5 @@
-// The noise a frame really has, to hold against what the sensor file says.
+// This file declares the estimate of the noise that a frame really has, which reports compare with
+// the sensor file's.
 #pragma once
 
 #include "centroiding/sensor.h"
@@ -7,13 +8,13 @@
 namespace curlew {
 
 struct FrameNoise {
-  double noise_adu = 0.0;  ///< standard deviation of one pixel; 0 where too few pixels can tell
-  double light_adu = 0.0;  ///< median above the background in the same places
+  double noise_adu = 0.0;  ///< standard deviation of one pixel; 0 where there are too few pixels
+  double light_adu = 0.0;  ///< median above the background in the same places; 0 as well
 };
 
-/// From the corners of the windows, where light is least: noise by the differences of neighbouring
-/// pixels, robust against spots that reach them. The frame must fit the sensor. For reports, not
-/// for the frame path.
+/// Estimates the noise from the corners of the windows, where light is least. It takes the median
+/// difference of neighbouring pixels, which is robust against spots that reach the corners. The
+/// frame must fit the sensor. This is for reports and not for the frame path.
 FrameNoise estimate_frame_noise(const Sensor& sensor, const FrameFormat& format, FrameView frame);
 
 }  // namespace curlew

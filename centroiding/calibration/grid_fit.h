@@ -1,4 +1,4 @@
-// Grid fit: the lenslet grid nearest to numbered spots.
+// This file declares the fit of the lenslet grid to numbered spots.
 #pragma once
 
 #include "centroiding/calibration/spot_indexing.h"
@@ -6,17 +6,18 @@
 
 namespace curlew {
 
-/// Least squares of (x, y) = origin + P·(col, row), in px; P is a general 2×2 matrix. Spots cut
-/// by the rim are left out, and what is beyond three times the median distance: a smeared spot
-/// shall not tilt the grid. False where the rest does not span a plane; rows and cols of the grid
-/// stay as they are.
+/// Fits (x, y) = origin + P·(col, row) by least squares, in px, where P is a general 2×2 matrix.
+/// Spots that the rim cuts are left out. So are spots beyond three times the median distance (and
+/// beyond .05 pitches), so that a smeared spot cannot tilt the grid. Returns false where the
+/// remaining spots do not span a plane. The grid's rows and cols stay as they are.
 bool fit_grid(LensletGrid& grid, const IndexedSpots& spots);
 
-/// The rms distance in px of the spots from their grid places. Spots cut by the rim are left out
-/// unless all are; 0 for no spots.
+/// Returns the rms distance in px of the spots from their grid places. Spots that the rim cuts are
+/// left out unless all are cut. It is 0 where there are no spots.
 double rms_distance_px(const LensletGrid& grid, const IndexedSpots& spots);
 
-/// Ratio of the singular values of P, less 1: 0 for a grid that is neither stretched nor sheared.
+/// Returns the ratio of the singular values of P, less 1. It is 0 for a grid that is neither
+/// stretched nor sheared.
 double anisotropy_of(const LensletGrid& grid);
 
 }  // namespace curlew

@@ -15,7 +15,7 @@ namespace {
 
 using Complex = std::complex<float>;
 
-constexpr double kShortestPitchPx = 3.2;  // of a grid of 4 px seen through noise
+constexpr double kShortestPitchPx = 3.2;  // shortest of a grid of 4 px seen through noise
 constexpr int kLongestLagPx = 256;
 
 struct Peak {
@@ -34,9 +34,9 @@ int next_fast_size(int n) {
   }
 }
 
-/// Means over boxes of (2·radius+1)² px, at the rim over what is left of them.
+/// Returns means over boxes of (2·radius+1)² px. At the rim a mean is over what is left of its box.
 Image<float> smooth_box(const Image<float>& in, int radius) {
-  Image<double> sums(in.rows() + 1, in.cols() + 1);  // of all that is above and to the left
+  Image<double> sums(in.rows() + 1, in.cols() + 1);  // sums of all pixels above and to the left
   for (int r = 0; r < in.rows(); ++r) {
     for (int c = 0; c < in.cols(); ++c) {
       sums(r + 1, c + 1) =
@@ -58,11 +58,12 @@ Image<float> smooth_box(const Image<float>& in, int radius) {
   return out;
 }
 
-/// Brightness on a scale that is linear in the noise and logarithmic far above it, without what
-/// varies slowly. Filtering moves no period.
+/// Returns the brightness on a scale that is linear in the noise and logarithmic far above it. What
+/// varies slowly is taken away. None of this filtering moves a period.
 Image<float> compress(const SpotPicture& picture) {
   constexpr double kLinearNoises = 10.0;
-  constexpr double kLinearFraction = 0.03;  // of the brightest, where there is no noise
+  // This fraction of the brightest pixels sets the scale where there is no noise.
+  constexpr double kLinearFraction = 0.03;
   constexpr double kSmoothPx = 0.7;
   const Image<float>& in = picture.pixels_adu;
   const double top = quantile(std::vector<float>(in.begin(), in.end()), 0.999);
@@ -102,8 +103,8 @@ Image<Complex> transpose(const Image<Complex>& in) {
   return out;
 }
 
-/// Autocorrelation for lags up to `reach` px, over its value at lag 0: y = 0…reach (rows),
-/// x = −reach…reach (cols). The other half plane is its mirror image.
+/// Returns the autocorrelation for lags up to `reach` px, divided by its value at lag 0. Its rows
+/// are y = 0…reach and its columns x = −reach…reach. The other half plane is its mirror image.
 Image<float> autocorrelate(const Image<float>& in, int reach) {
   Image<Complex> field(next_fast_size(in.rows() + reach), next_fast_size(in.cols() + reach));
   for (int r = 0; r < in.rows(); ++r) {
@@ -126,7 +127,7 @@ Image<float> autocorrelate(const Image<float>& in, int reach) {
   return lags;
 }
 
-/// Autocorrelation at any lag within reach; both half planes.
+/// Lags gives the autocorrelation at any lag within reach, in both half planes.
 class Lags {
  public:
   Lags(Image<float> values, int reach) : values_(std::move(values)), reach_(reach) {}
@@ -141,13 +142,14 @@ class Lags {
   int reach_;
 };
 
-/// The parabola through three points peaks this far from the middle one.
+/// Returns how far from the middle point the parabola through three points has its peak.
 double vertex(double before, double middle, double after) {
   const double curvature = before - 2.0 * middle + after;
   return curvature < 0.0 ? std::clamp(0.5 * (before - after) / curvature, -0.5, 0.5) : 0.0;
 }
 
-/// The highest lag within `radius` of (x, y), between pixels; height −1 where it is off the map.
+/// Returns the highest lag within `radius` of (x, y), refined between pixels. Its height is −1
+/// where it is off the map.
 Peak highest_near(const Lags& lags, double x, double y, double radius) {
   const int r = static_cast<int>(std::ceil(radius));
   const int cx = static_cast<int>(std::lround(x));
@@ -172,8 +174,8 @@ Peak highest_near(const Lags& lags, double x, double y, double radius) {
   return best;
 }
 
-/// Peaks of the half plane y ≥ 0 that nothing within 0.45 of their own length exceeds: lattice
-/// points pass, the slopes and ripples of the central peak do not.
+/// Finds the peaks of the half plane y ≥ 0 that nothing within 0.45 of their own length exceeds.
+/// Lattice points pass this test; the slopes and ripples of the central peak do not.
 std::vector<Peak> find_peaks(const Lags& lags, double min_height) {
   constexpr double kClear = 0.45;
   std::vector<Peak> peaks;
@@ -193,7 +195,8 @@ std::vector<Peak> find_peaks(const Lags& lags, double min_height) {
                lags(x + dx, y + dy) > here;
       };
       bool highest = true;
-      for (int i = 1; highest && i <= r; ++i) {  // ring by ring: slopes are dismissed at once
+      // The pixels are tested ring by ring, so that slopes are dismissed at once.
+      for (int i = 1; highest && i <= r; ++i) {
         for (int k = -i; highest && k <= i; ++k) {
           highest = !exceeds(k, -i) && !exceeds(k, i) && !exceeds(-i, k) && !exceeds(i, k);
         }
@@ -215,7 +218,8 @@ double dot(const std::array<double, 2>& a, const std::array<double, 2>& b) {
 }
 double length(const std::array<double, 2>& a) { return std::hypot(a[0], a[1]); }
 
-/// Lattice reduction after Lagrange and Gauss: a the shortest vector, b the next, a·b ≥ 0.
+/// Reduces the lattice after Lagrange and Gauss: a becomes the shortest vector and b the next, with
+/// a·b ≥ 0.
 void reduce(LatticeVectors& v) {
   for (int i = 0; i < 32; ++i) {
     if (length(v.a) > length(v.b)) std::swap(v.a, v.b);
@@ -226,8 +230,8 @@ void reduce(LatticeVectors& v) {
   if (dot(v.a, v.b) < 0.0) v.b = {-v.b[0], -v.b[1]};
 }
 
-/// Fits a and b to the autocorrelation's peaks at m·a + n·b, ever farther out, which divides the
-/// error of a pixel by m.
+/// Fits a and b to the autocorrelation's peaks at m·a + n·b. Peaks ever farther out are taken in,
+/// because at m times a the error of a pixel counts only as its m-th part.
 void refine(LatticeVectors& v, const Lags& lags, double min_height) {
   for (int order = 1; order <= 8; ++order) {
     double mm = 0.0;
@@ -272,7 +276,8 @@ LatticeVectors find_lattice_vectors(const SpotPicture& picture) {
   if (reach < 8) throw Failure("the reference frame is too small to hold a grid of spots");
   const Lags lags(autocorrelate(compressed, reach), reach);
 
-  // Smoothed noise correlates with itself by chance: standard deviation 1/√(independent pixels).
+  // Smoothed noise correlates with itself by chance. The standard deviation of that correlation is
+  // 1/√(independent pixels).
   constexpr double kSigmas = 8.0;
   constexpr double kPixelsPerIndependent = 6.2;  // 4πσ² of the smoothing
   const double by_chance =
@@ -308,7 +313,8 @@ LatticeVectors find_lattice_vectors(const SpotPicture& picture) {
   refine(v, lags, min_height);
   reduce(v);
 
-  // Wide enough for optics that stretch, narrow enough to tell 60° from 90°.
+  // These limits are wide enough for optics that stretch the grid, and narrow enough to tell 60°
+  // from 90°.
   const bool equal = v.length_ratio() < 1.12;
   const double angle = v.angle_deg();
   if (equal && angle > 82.0) v.kind = LatticeKind::kSquare;

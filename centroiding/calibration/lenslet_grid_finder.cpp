@@ -20,17 +20,19 @@
 namespace curlew {
 namespace {
 
-// A lit lenslet stands kSpotNoises out of the noise,
-// has more of its neighbours' height than what they spill, or than a sliver of a lenslet has,
+// A lit lenslet must pass four tests. It stands kSpotNoises out of the noise. It has more than this
+// fraction of its neighbours' height, because they spill less, and a sliver of a lenslet has less.
 constexpr double kMinOfNearby = 0.12;
-// more of everybody's than a ghost far out,
+// It has more than this fraction of the typical height of all spots, because a ghost far out has
+// less.
 constexpr double kMinOfAll = 0.004;
-// and is not much sharper than the others: that is a hot spot.
+// It is not sharper than the typical spot over this number, because only a hot spot is.
 constexpr double kMinSharpness = 0.35;
-// Beyond this, pixels are not square or the grid is sheared.
+// Beyond this anisotropy the pixels are not square or the grid is sheared.
 constexpr double kMaxAnisotropy = 0.04;
 
-/// Column and row vectors of the grid, from two lattice vectors of either sign and order.
+/// Sets the column and row vectors of the grid from two lattice vectors, which may have any sign
+/// and order.
 void orient(LensletGrid& grid, const LatticeVectors& v, bool mirrored) {
   std::array<double, 2> column = v.a;
   std::array<double, 2> row = v.b;
@@ -43,7 +45,7 @@ void orient(LensletGrid& grid, const LatticeVectors& v, bool mirrored) {
   grid.p22 = row[1];
 }
 
-/// Grid places on the frame.
+/// Returns all grid places on the frame.
 std::vector<LensletIndex> places_on_frame(const LensletGrid& grid, const SpotScene& scene) {
   double min_col = std::numeric_limits<double>::max();
   double min_row = min_col;
@@ -68,8 +70,8 @@ std::vector<LensletIndex> places_on_frame(const LensletGrid& grid, const SpotSce
   return places;
 }
 
-/// The noise of the smoothed picture midway between spots, from differences of neighbouring
-/// corners: stripes and ghosts count, slow gradients do not.
+/// Returns the noise of the smoothed picture midway between spots, from differences of neighbouring
+/// corners of lenslets. Stripes and ghosts add to it, slow gradients do not.
 double corner_noise(const LensletGrid& grid, const SpotScene& scene,
                     const std::vector<LensletIndex>& places) {
   std::vector<float> differences;
@@ -83,7 +85,7 @@ double corner_noise(const LensletGrid& grid, const SpotScene& scene,
   return 1.4826 * quantile(std::move(differences), 0.5) / std::numbers::sqrt2;
 }
 
-/// Looks into every grid place on the frame for a spot of its own.
+/// Looks at every grid place on the frame for a spot of its own.
 IndexedSpots find_lit(const LensletGrid& grid, const SpotScene& scene) {
   const std::vector<LensletIndex> places = places_on_frame(grid, scene);
   IndexedSpots seen;
@@ -95,7 +97,8 @@ IndexedSpots find_lit(const LensletGrid& grid, const SpotScene& scene) {
   std::vector<float> heights;
   for (const auto& [at, spot] : seen) heights.push_back(static_cast<float>(spot.height));
   const double typical = quantile(std::move(heights), 0.75);
-  // Where spots crowd, their wings make the corners uneven; that is no reason to drop any.
+  // Where spots crowd, their wings make the corners uneven. The limit of .15 keeps that from
+  // dropping any spot.
   const double uneven = std::min(kSpotNoises * corner_noise(grid, scene, places), 0.15 * typical);
   std::erase_if(seen, [&](const auto& entry) { return entry.second.height < uneven; });
   std::vector<float> sharpnesses;
@@ -113,7 +116,8 @@ IndexedSpots find_lit(const LensletGrid& grid, const SpotScene& scene) {
         if (it != seen.end()) nearby.push_back(static_cast<float>(it->second.height));
       }
     }
-    if (nearby.size() == 1) continue;  // of no use alone, and more likely a blemish
+    // A spot alone is of no use, and is more likely a blemish.
+    if (nearby.size() == 1) continue;
     const double wanted =
         std::max(kMinOfNearby * quantile(std::move(nearby), 0.75), kMinOfAll * typical);
     if (spot.height > wanted) lit.emplace(at, spot);

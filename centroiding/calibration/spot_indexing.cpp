@@ -8,13 +8,16 @@
 namespace curlew {
 namespace {
 
-constexpr double kReach = 0.30;  // pitches; a neighbour is where its neighbours say, within this
+// A neighbour must lie within this distance, in pitches, of the place where the numbered spots
+// round it expect it.
+constexpr double kReach = 0.30;
 
 double square(double x) { return x * x; }
 
 constexpr std::array<LensletIndex, 4> kNeighbours{{{1, 0}, {-1, 0}, {0, 1}, {0, -1}}};
 
-/// The walk: a heap of numbered spots whose neighbours are yet to be looked at, brightest first.
+/// A Flood walks over the spots. It keeps a heap of numbered spots whose neighbours it has not yet
+/// looked at, the brightest first.
 class Flood {
  public:
   Flood(const std::vector<Spot>& candidates, const LensletGrid& grid)
@@ -38,7 +41,7 @@ class Flood {
   }
 
  private:
-  /// The candidate nearest to (x, y) that is within reach; candidates_.size() if there is none.
+  /// Returns the candidate nearest to (x, y) within reach, or candidates_.size() if there is none.
   std::size_t nearest(double x, double y) const {
     std::size_t best = candidates_.size();
     double minimum = square(kReach * grid_.pitch_px());
@@ -52,7 +55,8 @@ class Flood {
     return best;
   }
 
-  /// The one whose dimmest neighbour on four sides is brightest; failing that, on fewer sides.
+  /// Returns the candidate with neighbours on four sides whose dimmest neighbour is brightest. If
+  /// no candidate has four neighbours, one with as many as possible is taken.
   std::size_t best_seed() const {
     std::size_t best = 0;
     std::pair<int, double> best_score{-1, 0.0};
@@ -73,7 +77,7 @@ class Flood {
     return best;
   }
 
-  /// The mean of what the numbered spots around say.
+  /// Returns the mean of the places that the numbered spots around predict.
   std::array<double, 2> expect(const LensletIndex& at) const {
     double x = 0.0;
     double y = 0.0;

@@ -1,4 +1,5 @@
-// Spot indexing: which column and row of the lenslet grid each spot belongs to.
+// This file declares spot indexing, which finds the column and row of the lenslet grid for each
+// spot.
 #pragma once
 
 #include <map>
@@ -10,14 +11,15 @@
 
 namespace curlew {
 
-/// (col, row), of any origin while the grid is sought.
+/// This is (col, row). Its origin is arbitrary while the grid is sought.
 using LensletIndex = std::pair<int, int>;
 
 using IndexedSpots = std::map<LensletIndex, Spot>;
 
-/// Numbers the candidates by walking from neighbour to neighbour, brightest first, so that a slow
-/// distortion can add up to more than a pitch. (0, 0) is the spot among the best neighbours.
-/// Of `grid` only P counts, in px. What the walk does not reach is left out; empty for none.
+/// Numbers the candidates by walking from neighbour to neighbour, the brightest first, so that a
+/// slow distortion may add up to more than a pitch. (0, 0) is the spot with the best neighbours.
+/// Only P of `grid` is used, in px. Candidates that the walk does not reach are left out. Without
+/// candidates the result is empty.
 IndexedSpots index_spots(const std::vector<Spot>& candidates, const LensletGrid& grid);
 
 }  // namespace curlew

@@ -19,9 +19,10 @@ double threshold_of(const SpotView& view, const std::vector<double>& x,
   return std::max(view.threshold_adu, view.threshold_relative * peak);
 }
 
-/// What a pixel's light yields above the threshold, on average over the noise.
+/// Returns what a pixel's light yields above the threshold, averaged over the noise.
 double mean_signal(double light, double threshold, const SpotView& view) {
-  constexpr double kCertain = 6.0;  // standard deviations: what is left out is below 1e-9 of one
+  // This is in standard deviations. What is left out beyond it is below 1e-9 of one.
+  constexpr double kCertain = 6.0;
   const double u = light - threshold;
   const double sigma = std::sqrt(view.noise_adu * view.noise_adu + view.adu_per_e * light);
   if (std::abs(u) >= kCertain * sigma) return std::max(u, 0.0);
@@ -34,7 +35,7 @@ double mean_signal(double light, double threshold, const SpotView& view) {
 
 SpotModel::SpotModel(double diffraction_px, double blur_px) {
   constexpr double kMinBlurOfPointPx = 0.2;
-  constexpr double kBlurPassesTo = 1.2;  // of 1/σ: exp(−2π²·1.44) = 5e-13
+  constexpr double kBlurPassesTo = 1.2;  // in units of 1/σ: exp(−2π²·1.44) = 5e-13
   constexpr std::size_t kIntervals = 256;
   const double d = diffraction_px > 0.0 ? diffraction_px : 0.0;
   const double blur = d > 0.0 ? blur_px : std::max(blur_px, kMinBlurOfPointPx);
@@ -53,7 +54,7 @@ SpotModel::SpotModel(double diffraction_px, double blur_px) {
 }
 
 double SpotModel::share(double x_px) const {
-  // cos(nφ) = 2·cos(φ)·cos((n−1)φ) − cos((n−2)φ)
+  // The recursion is cos(nφ) = 2·cos(φ)·cos((n−1)φ) − cos((n−2)φ).
   const double twice = 2.0 * std::cos(2.0 * kPi * step_ * x_px);
   double before = 0.5 * twice;
   double now = 1.0;
@@ -95,7 +96,7 @@ SpotMoments SpotModel::moments(const SpotView& view) const {
   double sum = 0.0;
   double sum_x = 0.0;
   double sum_y = 0.0;
-  double sum_rr = 0.0;  // from the window's first pixel
+  double sum_rr = 0.0;  // measured from the window's first pixel
   for (int r = 0; r < w.h; ++r) {
     const double row_adu = view.total_adu * y[static_cast<std::size_t>(r)];
     for (int c = 0; c < w.w; ++c) {
@@ -115,8 +116,8 @@ SpotMoments SpotModel::moments(const SpotView& view) const {
 double SpotModel::total_for_flux(const SpotView& view, double flux_adu) const {
   const std::vector<double> x = shares(view.x_px, view.window.x0, view.window.w);
   const std::vector<double> y = shares(view.y_px, view.window.y0, view.window.h);
-  // The flux is convex in the light and rises by ever more pixels' shares: Newton's steps, once
-  // above, come down to it.
+  // The flux is convex in the light, because ever more pixels rise above the threshold. Once
+  // Newton's steps are above the solution, they come down to it.
   constexpr int kMaxSteps = 30;
   constexpr double kClose = 1e-9;
   SpotView bright = view;

@@ -25,8 +25,8 @@ void for_each_neighbour(const Image<float>& image, int row, int col, Visit visit
   }
 }
 
-/// A pixel that towers over all its neighbours is no spot: even one whose light is spread over
-/// σ = 0.5 px puts a tenth of its peak next to it.
+/// Replaces hot pixels by their surroundings. A pixel that towers over all its neighbours is no
+/// spot: even a spot whose light is spread over σ = 0.5 px puts a tenth of its peak next to it.
 void remove_hot_pixels(Image<float>& image, double noise_adu) {
   constexpr float kNoises = 8.0F;
   constexpr float kMinSpread = 0.08F;
@@ -35,7 +35,7 @@ void remove_hot_pixels(Image<float>& image, double noise_adu) {
     for (int c = 0; c < image.cols(); ++c) {
       float sum = 0.0F;
       float largest = -std::numeric_limits<float>::max();
-      float second = largest;  // the other of a hot pair does not vouch for it
+      float second = largest;  // because a hot pixel may have one hot neighbour
       float n = 0.0F;
       for_each_neighbour(before, r, c, [&](float v) {
         sum += v;
@@ -53,10 +53,10 @@ void remove_hot_pixels(Image<float>& image, double noise_adu) {
   }
 }
 
-/// Noise of one pixel from mixed second differences (J. Immerkær, Comput. Vis. Image Underst. 64,
-/// 300, 1996), which hardly see what is smooth or streaked along rows or columns; of their sizes
-/// the lower tenth, which the spots hardly touch. Where background fills only a part f of the
-/// frame it comes out up to 1/f too large.
+/// Estimates the noise of one pixel from mixed second differences (J. Immerkær, Comput. Vis. Image
+/// Underst. 64, 300, 1996), which hardly see what is smooth or streaked along rows or columns. It
+/// takes the lower tenth of their sizes, which the spots hardly touch. Where background fills only
+/// a part f of the frame, the result is up to 1/f too large.
 double estimate_noise(const Image<float>& image) {
   std::vector<float> differences;
   differences.reserve(image.size());

@@ -1,4 +1,4 @@
-// Spot pictures: a reference frame made fit for looking for spots.
+// This file declares spot pictures: reference frames made fit for finding spots.
 #pragma once
 
 #include <cstdint>
@@ -8,26 +8,27 @@
 
 namespace curlew {
 
-/// The value below which `fraction` of `values` lie; 0 for none. Reorders its copy only.
+/// Returns the value below which `fraction` of `values` lie, and 0 where there are none. Only the
+/// function's own copy is reordered.
 double quantile(std::vector<float> values, double fraction);
 
-/// A frame without its bad and hot pixels, with first estimates of background and noise.
+/// This is a frame without its bad and hot pixels, with first estimates of background and noise.
 struct SpotPicture {
   Image<float> pixels_adu;      ///< bad and lone hot pixels replaced by their neighbours
-  double background_adu = 0.0;  ///< a low quantile: spots may cover most of the frame
-  double noise_adu = 0.0;       ///< of one pixel; an upper bound where spots cover the frame
+  double background_adu = 0.0;  ///< a low quantile, because spots may cover most of the frame
+  double noise_adu = 0.0;       ///< noise of one pixel; an upper bound where spots cover the frame
 };
 
-/// Throws Failure where fewer than half of the pixels are usable, where all hold one value, or
-/// where most are saturated.
+/// Cleans a frame. Throws Failure where fewer than half of the pixels are usable, where all hold
+/// one value, or where most are saturated.
 SpotPicture clean_spot_picture(const Image<float>& reference_adu,
                                const Image<std::uint8_t>& bad_pixel);
 
-/// Replaces pixels that are bad or not finite by the mean of good neighbours, from the rim of a
-/// bad patch inwards; `background` deep inside. bad_pixel may be empty.
+/// Replaces pixels that are bad or not finite by the mean of their good neighbours, from the rim of
+/// a bad patch inwards. Deep inside, `background` replaces them. bad_pixel may be empty.
 void fill_bad_pixels(Image<float>& image, const Image<std::uint8_t>& bad_pixel, float background);
 
-/// Convolution with a Gaussian; at the rim with what is left of it, renormalised.
+/// Convolves an image with a Gaussian. At the rim the rest of the Gaussian is renormalised.
 Image<float> smooth_gaussian(const Image<float>& in, double sigma_px);
 
 }  // namespace curlew

@@ -9,11 +9,11 @@
 namespace curlew {
 namespace {
 
-// Lengths in pitches.
-constexpr double kSmooth = 0.10;     // of the Gaussian that spots are looked for with
-constexpr double kSpotReach = 0.40;  // a spot is sought this far from its grid place
-constexpr double kClear = 0.30;      // and is the brightest within this
-constexpr double kSaddle = 0.42;     // its height is taken over what lies this far away
+// These lengths are in pitches.
+constexpr double kSmooth = 0.10;     // σ of the Gaussian that smooths the picture
+constexpr double kSpotReach = 0.40;  // A spot is sought within this distance of its grid place.
+constexpr double kClear = 0.30;      // It must be the brightest within this distance.
+constexpr double kSaddle = 0.42;     // Its height is measured from what lies this far away.
 
 double square(double x) { return x * x; }
 
@@ -33,9 +33,9 @@ void for_each_within(const SpotScene& scene, double x, double y, double radius, 
   }
 }
 
-/// How far the smoothed picture at (row, col) rises over the lower end of each line through it,
-/// least of four directions. A streak that passes through rises over nothing along itself; the
-/// slope towards a bright neighbour still falls on its far side.
+/// Returns how far the smoothed picture at (row, col) rises above the lower end of a line through
+/// it, for that one of four directions in which it rises least. A streak that passes through does
+/// not rise along itself. The slope towards a bright neighbour still falls on its far side.
 double prominence(const SpotScene& scene, int row, int col) {
   const auto here = static_cast<double>(scene.smooth(row, col));
   const double reach = std::max(kSaddle * scene.pitch, 1.5);
@@ -62,7 +62,8 @@ bool is_brightest_around(const SpotScene& scene, int row, int col) {
   return brightest;
 }
 
-/// Centre of mass of what exceeds a fifth of the peak, over the surroundings, near (col, row).
+/// Measures a spot near (col, row): the centre of mass of the light, above the surroundings, that
+/// exceeds a fifth of the peak.
 Spot measure_spot(const SpotScene& scene, int row, int col, double height) {
   const double radius = std::max(kClear * scene.pitch, 1.6);
   const double floor = static_cast<double>(scene.smooth(row, col)) - height;
@@ -91,7 +92,7 @@ Spot measure_spot(const SpotScene& scene, int row, int col, double height) {
   return spot;
 }
 
-/// Every local maximum that could be a spot.
+/// Finds every local maximum that could be a spot.
 std::vector<Spot> find_maxima(const SpotScene& scene) {
   std::vector<Spot> found;
   for (int r = 0; r < scene.smooth.rows(); ++r) {
@@ -107,7 +108,7 @@ std::vector<Spot> find_maxima(const SpotScene& scene) {
   return found;
 }
 
-/// The brightest of the pixels around (row, col).
+/// Returns the brightest of the pixels around (row, col).
 double brightest_neighbour(const SpotScene& scene, int row, int col) {
   double brightest = -std::numeric_limits<double>::max();
   for_each_within(scene, col, row, 1.5, [&](int r, int c) {
@@ -118,8 +119,9 @@ double brightest_neighbour(const SpotScene& scene, int row, int col) {
   return brightest;
 }
 
-/// A hot pixel that sits on a spot hides from those who know no spots: it falls to its neighbours
-/// much more steeply than the candidates do. True where one was replaced.
+/// Replaces hot pixels that sit on spots. clean_spot_picture() cannot find them, because it does
+/// not know where spots are; here they show because they fall to their neighbours much more steeply
+/// than the candidates do. Returns true if any was replaced.
 bool remove_hot_pixels_in_spots(SpotScene& scene, const std::vector<Spot>& candidates) {
   constexpr double kSteeper = 0.35;
   std::vector<float> spreads;

@@ -9,7 +9,7 @@
 namespace curlew {
 namespace {
 
-/// A lenslet's spot for the model, as bright as it was measured.
+/// Returns the view of a lenslet's spot for the model, as bright as it was measured.
 SpotView view_of(const SpotModel& model, const Window& window, const WindowMeasurement& m,
                  const SignalThreshold& threshold) {
   SpotView view{.window = window,
@@ -21,8 +21,8 @@ SpotView view_of(const SpotModel& model, const Window& window, const WindowMeasu
   return view;
 }
 
-/// The blur that gives the model the spread of the typical spot; 0 where diffraction alone spreads
-/// as much.
+/// Returns the blur that gives the model the spread of the typical spot. It is 0 where diffraction
+/// alone spreads the light as much.
 double fit_blur(const Sensor& sensor, const std::vector<WindowMeasurement>& measured,
                 double diffraction_px, const SignalThreshold& threshold) {
   std::vector<std::size_t> lit;
@@ -52,8 +52,8 @@ double fit_blur(const Sensor& sensor, const std::vector<WindowMeasurement>& meas
   return 0.5 * (low + high);
 }
 
-/// The gain of the kernel on the modelled spot: without noise, with the spot moved to four sides,
-/// one window beside the other.
+/// Returns the gain of the kernel on the modelled spot without noise. The spot is moved to four
+/// sides, and the four pictures lie one beside the other in a frame.
 WindowGain gain_of_kernel(const Sensor& sensor, CentroidOptions options, const SpotModel& model,
                           const SpotView& view) {
   constexpr double kShiftPx = 0.25;
@@ -150,7 +150,7 @@ WindowMeasurement measure_window(const Image<float>& light, const Image<std::uin
   });
   m.spread_px2 /= m.flux_adu;
   m.gain = {1.0 - lost_x / m.flux_adu, 1.0 - lost_y / m.flux_adu};
-  // Two edges of `length` pixels with lever arms of half the `width`.
+  // Noise enters from two edges of `length` pixels with lever arms of half the `width`.
   const auto sigma = [&](int length, int width) {
     return noise_adu * width * std::sqrt(0.5 * length) / m.flux_adu;
   };
@@ -164,9 +164,11 @@ WindowGains find_window_gains(const Sensor& sensor, const std::vector<WindowMeas
   const double blur_px = fit_blur(sensor, measured, diffraction_px, threshold);
   const SpotModel model(diffraction_px, blur_px);
   const double adu_per_e = 1.0 / sensor.detector.e_per_adu;
+  // The last term is the noise of rounding.
   const double noise_adu =
-      std::hypot(sensor.detector.read_noise_e * adu_per_e, std::sqrt(1.0 / 12.0));  // rounding
-  constexpr double kMinOnModel = 0.1;  // a spot as wide as its window hardly moves in it
+      std::hypot(sensor.detector.read_noise_e * adu_per_e, std::sqrt(1.0 / 12.0));
+  // A spot as wide as its window hardly moves in it.
+  constexpr double kMinOnModel = 0.1;
   std::vector<WindowGain> gains(measured.size());
   for (std::size_t k = 0; k < measured.size(); ++k) {
     if (sensor.valid[k] == 0) continue;

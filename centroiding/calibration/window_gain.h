@@ -1,4 +1,5 @@
-// Window gain: how much of a spot's displacement a finite window and a threshold let through.
+// This file declares the window gain: the part of a spot's displacement that a finite window and a
+// threshold let through.
 #pragma once
 
 #include <cstdint>
@@ -11,51 +12,54 @@
 
 namespace curlew {
 
-/// What counts as light: what exceeds the larger of the two.
+/// Light counts as signal where it exceeds the larger of the two thresholds.
 struct SignalThreshold {
   double min_adu = 0.0;
-  double relative = 0.0;  ///< of the window's brightest pixel
+  double relative = 0.0;  ///< as a fraction of the window's brightest pixel
 };
 
-/// Moments of one window's signal, and its gain as far as the window's pixels tell it.
+/// These are the moments of one window's signal, and its gain as far as the window's pixels tell
+/// it.
 struct WindowMeasurement {
-  double flux_adu = 0.0;  ///< 0 where nothing exceeds the threshold; then all else is void
+  double flux_adu = 0.0;  ///< 0 where nothing exceeds the threshold; then all else means nothing
   double x_px = 0.0;      ///< centre of gravity on the frame
   double y_px = 0.0;
   double spread_px2 = 0.0;   ///< central second moments, x and y together
   WindowGain gain;           ///< see measure_window
-  bool gain_is_sure = true;  ///< its standard deviation is at most 0.1
+  bool gain_is_sure = true;  ///< The gain's standard deviation is at most 0.1.
 };
 
-/// light: [rows, cols] of the frame in ADU, less background, with noise_adu rms; bad: 1 where a
-/// pixel does not count, or empty.
+/// Measures one window. `light` is [rows, cols] of the frame in ADU, less the background, with
+/// noise_adu rms. `bad` is 1 where a pixel does not count, or empty.
 ///
-/// Gain along x, from the signals f of the window's first and last columns, x₀ and x₁:
-///   1 − Σ_rows [(x̄ − x₀ + ½)·f(x₀) + (x₁ + ½ − x̄)·f(x₁)] / Σf,
-/// light on the edges times its lever arm. It is the discrete form of 1 − 2W·S(W)/∫S for a window
-/// ±W, true where the edge pixels' mean light is the light at the window's very edge.
+/// The gain along x follows from the signals f of the window's first and last columns, x₀ and x₁:
+///     1 − Σ_rows [(x̄ − x₀ + ½)·f(x₀) + (x₁ + ½ − x̄)·f(x₁)] / Σf,
+/// which subtracts the light on the edges times its lever arm. It is the discrete form of 1 −
+/// 2W·S(W)/∫S for a window ±W, and holds where the edge pixels' mean light is the light at the
+/// window's very edge.
 WindowMeasurement measure_window(const Image<float>& light, const Image<std::uint8_t>& bad,
                                  const Window& window, const SignalThreshold& threshold,
                                  double noise_adu);
 
 struct WindowGains {
   std::vector<WindowGain> gains;  ///< [rows·cols], 1 where a lenslet is not valid
-  double spot_blur_px = 0.0;      ///< σ of what widens the typical spot beyond diffraction
+  double spot_blur_px = 0.0;  ///< σ of the blur that widens the typical spot beyond diffraction
 };
 
-/// Gains of all valid lenslets: the measured ones times what they are
-/// wrong by on the modelled spot. At 2 pixels per λ/w the edge pixel reaches from one fringe of the
-/// spot into the next and the measured gain is out by up to 15 %; on the model, which has the
-/// lenslet's window, position and flux, both the measured and the true gain can be had. Where
-/// pixels are fine or the spot is blurred the two agree and the measured gain holds, with all that
-/// tells one lenslet from another. An unsure one is the model's alone.
+/// Returns the gains of all valid lenslets. For the centres of gravity they are the measured gains,
+/// corrected by their error on the modelled spot. At 2 pixels per λ/w the edge pixel reaches from
+/// one fringe of the spot into the next, and the measured gain is wrong by up to 15 %. On the
+/// model, which has the lenslet's window, position and flux, both the measured and the true gain
+/// can be computed, and their ratio is the correction. Where pixels are fine or the spot is blurred
+/// the two agree, and the measured gain holds with all that tells one lenslet from another. A gain
+/// that is not sure is replaced by the model's alone.
 ///
-/// Methods other than the centres of gravity have the gain that the kernel itself shows on the
-/// modelled spot, moved by ±0.25 px; nothing is measured. That
-/// of the brightest pixels is not linear (15 % about that gain with 6 px of 2 per λ/w).
+/// For methods other than the centres of gravity nothing is measured. Their gain is the one that
+/// the kernel itself shows on the modelled spot, moved by ±0.25 px. The gain of the brightest
+/// pixels is not linear (it varies by 15 % with 6 px of 2 per λ/w).
 ///
-/// The model's blur gives it the spread of the typical spot, the one of median spread. Flux, and
-/// the noise at the threshold, are those of one frame of the reference.
+/// The model's blur gives it the spread of the typical spot, which is the one of median spread.
+/// Flux, and the noise at the threshold, are those of one frame of the reference.
 WindowGains find_window_gains(const Sensor& sensor, const std::vector<WindowMeasurement>& measured,
                               const SignalThreshold& threshold, const CentroidOptions& options);
 
