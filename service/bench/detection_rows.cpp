@@ -161,19 +161,6 @@ SlopeField lit_slopes(const MeasuredFrame& frame) {
   return slopes;
 }
 
-Candidate candidate_at(const Vortex& vortex, double score) {
-  return {static_cast<double>(vortex.x), static_cast<double>(vortex.y), vortex.charge, score};
-}
-
-/// Unresolved pairs are no candidates.
-std::vector<Candidate> singles_by_probability(const VortexList& vortices) {
-  std::vector<Candidate> found;
-  for (const Vortex& vortex : vortices)
-    if (vortex.charge != 0)
-      found.push_back(candidate_at(vortex, static_cast<double>(vortex.probability)));
-  return found;
-}
-
 /// find_circulation_vortices with its threshold far down, on the lenslets that have light alone.
 class ShippedDetector {
  public:
@@ -194,7 +181,8 @@ class ShippedDetector {
       const double rank = significance < static_cast<double>(kMaxSignificance)
                               ? significance
                               : significance + std::abs(static_cast<double>(vortex.circulation));
-      found.push_back(candidate_at(vortex, rank));
+      found.push_back(
+          {static_cast<double>(vortex.x), static_cast<double>(vortex.y), vortex.charge, rank});
     }
     return found;
   }
@@ -222,7 +210,7 @@ class WhitenedDetector {
     WhitenedWorkspace workspace(*plan_);
     VortexList vortices(plan_->capacity());
     find_whitened_vortices(*plan_, slopes, frame.centroids.flux_adu, map, workspace, vortices);
-    return singles_by_probability(vortices);
+    return candidates_by_probability(vortices);
   }
 
  private:
@@ -241,7 +229,7 @@ class ClassifierDetector {
     std::unique_ptr<OneFrame> buffers = buffers_->take(*plan_);
     find_classified_vortices(*plan_, frame.frame.view(), frame.centroids, frame.circulation,
                              buffers->workspace, buffers->vortices);
-    std::vector<Candidate> found = singles_by_probability(buffers->vortices);
+    std::vector<Candidate> found = candidates_by_probability(buffers->vortices);
     buffers_->give_back(std::move(buffers));
     return found;
   }

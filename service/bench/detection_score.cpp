@@ -28,6 +28,16 @@ bool counts(const GradedVortex& vortex, const Interior& interior) {
 
 }  // namespace
 
+std::vector<Candidate> candidates_by_probability(const VortexList& vortices) {
+  std::vector<Candidate> candidates;
+  for (const Vortex& vortex : vortices) {
+    if (vortex.charge == 0) continue;
+    candidates.push_back({static_cast<double>(vortex.x), static_cast<double>(vortex.y),
+                          vortex.charge, static_cast<double>(vortex.probability)});
+  }
+  return candidates;
+}
+
 FrameVerdicts judge_frame(std::vector<Candidate> candidates, std::span<const GradedVortex> truth,
                           const Interior& interior) {
   FrameVerdicts frame;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/image.h"
+#include "core/vortex.h"
 #include "service/bench/bootstrap.h"
 #include "service/results/truth_match.h"
 
@@ -23,6 +24,10 @@ struct Candidate {
   int charge = 0;  ///< +1 or −1
   double score = 0.0;
 };
+
+/// A candidate for each vortex that has a charge, scored by its probability. Unresolved pairs are
+/// no candidates.
+std::vector<Candidate> candidates_by_probability(const VortexList& vortices);
 
 /// The false alarms a frame at which recall is stated.
 inline constexpr double kStatedFalseAlarms = 0.05;

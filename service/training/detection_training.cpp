@@ -145,13 +145,7 @@ std::vector<ValidationScore> validate(const std::vector<ValidationFields>& all,
                       realisation_seed(Subset::kValidation, static_cast<int>(i)), frame);
         find_classified_vortices(classifier, frame.frame.view(), frame.centroids, frame.circulation,
                                  workspace, found);
-        std::vector<Candidate> candidates;
-        for (const Vortex& v : found) {
-          if (v.charge == 0) continue;
-          candidates.push_back({static_cast<double>(v.x), static_cast<double>(v.y), v.charge,
-                                static_cast<double>(v.probability)});
-        }
-        verdicts.push_back(judge_frame(candidates, fields.truths[i],
+        verdicts.push_back(judge_frame(candidates_by_probability(found), fields.truths[i],
                                        {plan->parameters().rows, plan->parameters().cols}));
       }
       const DetectionRecord record(verdicts);
@@ -163,10 +157,20 @@ std::vector<ValidationScore> validate(const std::vector<ValidationFields>& all,
   return scores;
 }
 
+/// The mean over the cells that hold a vortex which must be found; the others have no precision.
 double mean_precision(const std::vector<ValidationScore>& scores) {
   double sum = 0.0;
-  for (const ValidationScore& score : scores) sum += score.average_precision;
-  return sum / static_cast<double>(scores.size());
+  int n = 0;
+  for (const ValidationScore& score : scores) {
+    if (std::isnan(score.average_precision)) continue;
+    sum += score.average_precision;
+    ++n;
+  }
+  if (n == 0)
+    throw UsageError(
+        "the validation fields hold no vortex that must be found, so that nothing tells which "
+        "network is the best; take more or larger validation fields");
+  return sum / n;
 }
 
 void check_options(const TrainingOptions& options) {

@@ -74,7 +74,13 @@ TEST(TrainVortexClassifier, SameOptionsSameWeights) {
   for (const DenseLayer& layer : a.network.layers) {
     EXPECT_TRUE(std::all_of(layer.weights.begin(), layer.weights.end(),
                             [](float weight) { return std::isfinite(weight); }));
+    EXPECT_TRUE(std::any_of(layer.weights.begin(), layer.weights.end(), [](float weight) {
+      return weight != 0.0F;
+    })) << "a layer that was never trained";
   }
+  options.seed += 1;
+  const TrainingReport c = train_vortex_classifier(options, cache, [](const std::string&) {});
+  EXPECT_NE(weights_text(a, "x"), weights_text(c, "x"));
 }
 
 TEST(TrainingFields, NeverComeFromTheOtherSubsets) {
@@ -125,14 +131,8 @@ TEST(ClassifyVortices, ProbabilitiesAreFrequencies) {
     measure_frame(plan, realisation, seed, frame);
     find_classified_vortices(classifier, frame.frame.view(), frame.centroids, frame.circulation,
                              workspace, vortices);
-    std::vector<Candidate> found;
-    for (const Vortex& v : vortices) {
-      if (v.charge != 0)
-        found.push_back({static_cast<double>(v.x), static_cast<double>(v.y), v.charge,
-                         static_cast<double>(v.probability)});
-    }
-    const FrameVerdicts frame_verdicts =
-        judge_frame(found, grade_vortices(realisation.vortices), {60, 60});
+    const FrameVerdicts frame_verdicts = judge_frame(
+        candidates_by_probability(vortices), grade_vortices(realisation.vortices), {60, 60});
     for (const Verdict& verdict : frame_verdicts.verdicts) {
       predicted += verdict.score;
       hits += verdict.hit ? 1.0 : 0.0;
