@@ -10,17 +10,19 @@ namespace curlew {
 namespace {
 
 constexpr float kPi = 3.14159265358979F;
-constexpr std::int32_t kBuckets = 256;  // above the largest cost of an edge
+constexpr std::int32_t kBuckets = 256;  // more than the largest cost of an edge
 constexpr std::int32_t kFar = std::numeric_limits<std::int32_t>::max() / 4;
-// Cuts were as short with 64 where 250 residues had 40 possible partners each; 12 were too few.
+// This limit is generous: where 250 residues had 40 possible partners each, cuts were as short with
+// 64, and 12 were too few.
 constexpr std::size_t kMaxPartners = 128;
-constexpr std::int8_t kSource = 4;  // came_by: no side, the path begins here
+constexpr std::int8_t kSource = 4;  // value of came_by where the path begins, and has no side
 
-/// Sides of a cell: top, right, bottom, left. The way round the cell runs along its top edge to the
-/// right and down its right edge: the other two are passed against their sense.
+/// The sides of a cell are top, right, bottom and left. The way round the cell runs along its top
+/// edge to the right and down its right edge. It passes the other two edges against their sense,
+/// which is what −1 says.
 constexpr int kAlong[4] = {1, 1, -1, -1};
 
-/// Whole turns that bring a difference into [−π, π], negative.
+/// Returns how many whole turns must be taken off a difference to bring it into [−π, π].
 std::int32_t turns_of(float difference) {
   if (difference > kPi) return 1;
   return difference < -kPi ? -1 : 0;
@@ -49,8 +51,8 @@ class Cutter {
   std::int32_t terminals() const { return static_cast<std::int32_t>(ws_.residues.size()) + 1; }
   std::int32_t outside() const { return terminals() - 1; }
 
-  /// Turns that the short way between neighbours takes off their difference. The cuts are added to
-  /// them later.
+  /// Finds the turns that the short way between neighbours takes off their difference, and the
+  /// residues that follow. The cuts are added to these turns later.
   void find_residues() {
     for (int r = 0; r < rows_; ++r) {
       for (int c = 0; c < cols_; ++c) {
@@ -64,7 +66,8 @@ class Cutter {
       for (int c = 0; c < cell_cols(); ++c) {
         const int charge = ws_.turns_right(r, c) + ws_.turns_down(r, c + 1) -
                            ws_.turns_right(r + 1, c) - ws_.turns_down(r, c);
-        // The short differences add up to −2π·(turns taken off).
+        // The short differences round the cell add up to −2π·charge, where `charge` counts the
+        // turns taken off.
         if (charge != 0) ws_.residues.push({r * cell_cols() + c, -charge});
       }
     }
@@ -99,7 +102,7 @@ class Cutter {
     }
   }
 
-  /// The edge on a side of a cell: its first lenslet, and whether it runs to the right.
+  /// This is the edge on one side of a cell: its first lenslet, and whether it runs to the right.
   struct Edge {
     std::int32_t lenslet;
     bool right;
@@ -122,7 +125,7 @@ class Cutter {
     return edge.right ? ws_.cost_right[as_size(edge.lenslet)]
                       : ws_.cost_down[as_size(edge.lenslet)];
   }
-  /// The cell beyond a side, −1 outside.
+  /// Returns the cell beyond a side, and −1 outside the array.
   std::int32_t beyond(std::int32_t cell, int side) const {
     const std::int32_t row = cell / cell_cols();
     const std::int32_t col = cell % cell_cols();
@@ -138,7 +141,8 @@ class Cutter {
     }
   }
 
-  /// Shortest paths from every residue and the outside, each cell to the nearest.
+  /// Grows shortest paths from every residue and from outside the array, so that each cell belongs
+  /// to the nearest of these.
   void grow_regions() {
     std::fill(ws_.distance.begin(), ws_.distance.end(), kFar);
     std::fill(ws_.bucket.begin(), ws_.bucket.end(), -1);
@@ -183,7 +187,8 @@ class Cutter {
     ++waiting_;
   }
 
-  /// Ways between neighbours, then between all (Floyd and Warshall).
+  /// Finds the ways between neighbouring regions, and from them the ways between all (Floyd and
+  /// Warshall).
   void join_regions() {
     const std::int32_t n = terminals();
     for (std::int32_t i = 0; i < n; ++i) {
@@ -218,7 +223,8 @@ class Cutter {
     }
   }
 
-  /// Opposite residues are paired so that most is gained over every one's going outside by itself.
+  /// Pairs opposite residues so that the cuts are as cheap as possible, compared with every residue
+  /// going outside by itself.
   void pair_residues() {
     std::size_t n_positive = 0;
     std::size_t n_negative = 0;
@@ -247,7 +253,7 @@ class Cutter {
       if (ws_.assignment.row_of_col()[col] < 0) lay_cut(ws_.negative[col], outside(), -1);
   }
 
-  /// Carries a charge from one terminal to another, through those in between.
+  /// Carries a charge from one terminal to another, through the terminals on the way.
   void lay_cut(std::int32_t from, std::int32_t to, int charge) {
     while (from != to) {
       const std::int32_t step = ws_.via(from, to);
@@ -256,7 +262,7 @@ class Cutter {
       const int side = contact % 4;
       const std::int32_t other = beyond(cell, side);
       const bool forward = ws_.owner[as_size(cell)] == from;
-      const int carried = forward ? charge : -charge;  // from cell to other
+      const int carried = forward ? charge : -charge;  // carried from `cell` to `other`
       carry(cell, side, carried);
       retrace(cell, -carried);
       if (other >= 0) retrace(other, carried);
@@ -264,7 +270,8 @@ class Cutter {
     }
   }
 
-  /// A charge leaves a cell by a side: what its loop adds up to falls by it.
+  /// Moves a charge out of a cell through one of its sides. The sum round the cell falls by this
+  /// charge.
   void carry(std::int32_t cell, int side, int charge) {
     const Edge edge = edge_of(cell, side);
     auto& turns = (edge.right ? ws_.turns_right : ws_.turns_down)[as_size(edge.lenslet)];

@@ -1,4 +1,5 @@
-// CholeskyFactor: a sparse A = L·Lᵀ made once in double, solved with in float without allocating.
+// A CholeskyFactor is a sparse A = L·Lᵀ. It is made once in double, and solves in float without
+// allocating.
 #pragma once
 
 #include <Eigen/SparseCore>
@@ -13,23 +14,25 @@ namespace curlew {
 
 class CholeskyFactor {
  public:
-  /// a: symmetric positive definite, lower triangle used. Throws Failure where it is not.
+  /// Takes a symmetric positive definite matrix, of which it uses the lower triangle. Throws
+  /// Failure where the matrix is not positive definite.
   explicit CholeskyFactor(const Eigen::SparseMatrix<double>& a);
 
   int size() const { return static_cast<int>(inverse_diagonal_.size()); }
 
-  /// Where unknown i of A stands in the order of elimination. Vectors given to solve_in_place are
-  /// in that order, so that no solve has to permute.
+  /// Returns where unknown i of A stands in the order of elimination. Vectors given to
+  /// solve_in_place() are in that order, so that no solve has to permute.
   const std::vector<int>& position() const { return position_; }
 
-  /// b ← A⁻¹ b, b: [size()] in elimination order.
+  /// Computes b ← A⁻¹ b, where b is [size()] in elimination order.
   void solve_in_place(float* b) const noexcept;
 
-  /// b ← L⁻¹ b, so that |b|² becomes bᵀA⁻¹b of the b given.
+  /// Computes b ← L⁻¹ b. The |b|² of the result is bᵀA⁻¹b of the b given.
   void solve_lower_in_place(float* b) const noexcept;
 
-  /// One step of it: column j, which changes b[j] and elements after it. Where b is zero but at a
-  /// few places, the columns needed are those and, of each, parent(j), parent(parent(j)), …
+  /// Does one step of solve_lower_in_place(): that of column j, which changes b[j] and elements
+  /// after it. Where b is zero except at a few places, only the columns of these places are needed
+  /// and, for each of them, parent(j), parent(parent(j)) and so on.
   void eliminate(std::int32_t j, float* b) const noexcept {
     const auto column = static_cast<std::size_t>(j);
     const float y = b[j] * inverse_diagonal_[column];
@@ -37,7 +40,7 @@ class CholeskyFactor {
     for (std::int32_t i = column_start_[column]; i < column_start_[column + 1]; ++i)
       b[row_[static_cast<std::size_t>(i)]] -= values_[static_cast<std::size_t>(i)] * y;
   }
-  /// The first element that column j changes after b[j]; −1 none.
+  /// Returns the first element that column j changes after b[j], and −1 if there is none.
   std::int32_t parent(std::int32_t j) const noexcept {
     const std::int32_t first = column_start_[static_cast<std::size_t>(j)];
     if (first == column_start_[static_cast<std::size_t>(j) + 1]) return -1;
@@ -46,16 +49,17 @@ class CholeskyFactor {
 
  private:
   std::vector<int> position_;
-  std::vector<std::int32_t> column_start_;  // [size()+1], strictly lower part of L by columns
+  std::vector<std::int32_t> column_start_;  // [size()+1]; strictly lower part of L by columns
   AlignedVector<std::int32_t> row_;
   AlignedVector<float> values_;
   AlignedVector<float> inverse_diagonal_;
 };
 
-/// The columns that it takes to eliminate a vector which is zero but at the elements added.
+/// This finds the columns needed to eliminate a vector that is zero except at the elements added.
 class EliminationPath {
  public:
-  /// marked: [factor.size()], zeros, and left so. columns: room for them.
+  /// `marked` is [factor.size()] of zeros, and is zeros again afterwards. `columns` has room for
+  /// them all.
   EliminationPath(const CholeskyFactor& factor, std::vector<std::uint8_t>& marked,
                   std::int32_t* columns)
       : factor_(factor), marked_(marked), columns_(columns) {}
@@ -66,7 +70,7 @@ class EliminationPath {
       columns_[size_++] = element;
     }
   }
-  /// Sorts the columns, in which order they are eliminated. Returns how many there are.
+  /// Sorts the columns into the order in which they are eliminated, and returns how many there are.
   std::size_t finish() {
     std::sort(columns_, columns_ + size_);
     for (std::size_t i = 0; i < size_; ++i) marked(columns_[i]) = 0;

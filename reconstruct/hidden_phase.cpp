@@ -82,7 +82,8 @@ void add_hidden_phase(const HiddenPhasePlan& plan, const VortexList& candidates,
     evaluate_vortices(ws.points.begin(), ws.points.size(), plan.options().softening, ws.wrapped,
                       field.x, field.y);
     unwrap_with_cuts(ws.wrapped, flux_adu, slopes.valid, ws.cuts, ws.rotational);
-    field.variance_x = slopes.variance_x;  // of one size: no allocation
+    // These maps have one size, so that nothing is allocated.
+    field.variance_x = slopes.variance_x;
     field.variance_y = slopes.variance_y;
     field.valid = slopes.valid;
     field.n_valid = slopes.n_valid;

@@ -1,11 +1,11 @@
-// Hidden phase: what a least-squares phase leaves out, made good from the vortices.
+// The hidden phase is what a least-squares phase leaves out. It follows from the vortices.
 //
-// The slopes of a field with vortices are those of a smooth phase and of Σ charge·arg(z − z_v).
-// Least squares sees only what of the second looks like a gradient (an image of the vortices beyond
-// the pupil's edge) and takes it for phase. So
-//   whole = LS(s − s_vortices) + φ_vortices = LS(s) + [φ_vortices − LS(s_vortices)],
-// the bracket being the hidden phase (D. L. Fried, J. Opt. Soc. Am. A 15, 2759, 1998): nothing is
-// counted twice, whatever the pupil, and LS is the same linear solver for both.
+// The slopes of a field with vortices are those of a smooth phase and of Σ charge·arg(z − z_v). Of
+// the second, least squares sees only what looks like a gradient (an image of the vortices beyond
+// the pupil's edge), and takes it for phase. So
+//     whole = LS(s − s_vortices) + φ_vortices = LS(s) + [φ_vortices − LS(s_vortices)].
+// The bracket is the hidden phase (D. L. Fried, J. Opt. Soc. Am. A 15, 2759, 1998). Nothing is
+// counted twice, whatever the pupil, because LS is the same linear solver for both.
 #pragma once
 
 #include <cstddef>
@@ -22,19 +22,20 @@
 namespace curlew {
 
 struct HiddenPhaseOptions {
-  /// Judge the candidates by the slopes as a whole (vortex_choice.h). False: all that are probable,
-  /// p ≥ ½ or unknown, are believed.
+  /// If true, the candidates are judged by the slopes as a whole (vortex_choice.h). If false, all
+  /// that are probable (p ≥ ½ or unknown) are believed.
   bool choose = true;
   VortexChoiceOptions choice;
-  /// Softening of the vortices' slopes given to least squares, pitches².
+  /// This softens the slopes of the vortices that least squares gets, in pitches².
   float softening = 0.2F;
 };
 
-/// All that follows from the split's pupil. Const after construction, shared by threads.
+/// The plan holds all that follows from the split's pupil. It is const after construction and
+/// shared by threads.
 class HiddenPhasePlan {
  public:
-  /// split: of the pupil, must outlive the plan. max_vortices: the most candidates of a frame.
-  /// Throws UsageError on options out of range.
+  /// `split` is the plan of the pupil's split and must outlive this plan. A frame has at most
+  /// `max_vortices` candidates. Throws UsageError where an option is out of its range.
   HiddenPhasePlan(const SplitPlan& split, const HiddenPhaseOptions& options,
                   std::size_t max_vortices);
 
@@ -48,15 +49,14 @@ class HiddenPhasePlan {
   VortexChoicePlan choice_;
 };
 
-/// Buffers of one frame, made once, and what else is known of it afterwards.
+/// These are the buffers of one frame, made once, and further results about it.
 struct HiddenPhaseWorkspace {
   explicit HiddenPhaseWorkspace(const HiddenPhasePlan& plan);
 
-  VortexList vortices;  ///< those believed
-  Image<float> smooth;  ///< [rows, cols] LS(s − s_vortices), rad at lenslet centres
-  Image<float>
-      rotational;  ///< [rows, cols] φ_vortices with its cuts, rad, also where no lenslet is
-  BranchCutWorkspace cuts;  ///< where these run
+  VortexList vortices;      ///< the vortices that are believed
+  Image<float> smooth;      ///< [rows, cols] LS(s − s_vortices), rad at lenslet centres
+  Image<float> rotational;  ///< [rows, cols] φ_vortices with its cuts, rad; also without lenslets
+  BranchCutWorkspace cuts;  ///< where the cuts of `rotational` run
 
   VortexChoiceWorkspace choice;
   FixedList<PointVortex> points;
@@ -66,14 +66,16 @@ struct HiddenPhaseWorkspace {
   HodgeSplit vortex_split;
 };
 
-/// whole_phase_rad: [rows, cols] at lenslet centres, rad: `split`'s least-squares phase and the
-/// hidden phase of those vortices among `candidates` that the slopes speak for. It is smooth but
-/// across branch cuts, where it jumps by 2π (branch_cuts.h); mean zero over the pupil's lenslets,
-/// and without vortices bit for bit the least-squares phase. NaN where slopes.valid is 0.
+/// Computes the whole phase: the least-squares phase of `split` plus the hidden phase of those
+/// `candidates` that the slopes support. whole_phase_rad is [rows, cols] at lenslet centres, in
+/// rad. It is smooth except across branch cuts, where it jumps by 2π (branch_cuts.h). Its mean over
+/// the valid lenslets is 0, and without vortices it is bit for bit the least-squares phase. It is
+/// NaN where slopes.valid is 0.
 ///
-/// candidates: detected vortices with their probability, the surest first; ones as improbable as
-/// options.choice.min_probability help, for what is missing harms more than what is doubtful.
-/// Unresolved pairs (charge 0) count for nothing. slopes: what was split. flux_adu: [rows, cols].
+/// `candidates` are detected vortices with their probability, the surest first. Candidates as
+/// improbable as options.choice.min_probability help, because a missing vortex harms more than a
+/// doubtful candidate. Unresolved pairs (charge 0) are not used. `slopes` are those that were
+/// split, and flux_adu is [rows, cols].
 void add_hidden_phase(const HiddenPhasePlan& plan, const VortexList& candidates,
                       const SlopeField& slopes, const Image<float>& flux_adu,
                       const HodgeSplit& split, HiddenPhaseWorkspace& workspace,

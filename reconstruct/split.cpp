@@ -20,7 +20,7 @@ SplitWorkspace::SplitWorkspace(const SplitPlan& plan)
       group_count_(plan.lenslets().size()),
       psi_(static_cast<std::size_t>(plan.lattice().n_faces())) {}
 
-/// The steps of split_slopes, with what they share.
+/// A Splitter holds the steps of split_slopes() and what they share.
 class Splitter {
  public:
   Splitter(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
@@ -46,7 +46,8 @@ class Splitter {
   using Lenslet = SplitPlan::Lenslet;
   static std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
 
-  /// 0 where the lenslet has faded, else 1 or 2/(σx²+σy²) over its mean.
+  /// Sets the weights. A weight is 0 where the lenslet has faded. Otherwise it is 1, or 2/(σx²+σy²)
+  /// divided by the mean of that.
   void choose_weights() noexcept {
     n_faded_ = 0;
     equal_ = !plan_.options().weighted;
@@ -59,7 +60,7 @@ class Splitter {
         continue;
       }
       const float variance = 0.5F * (slopes_.variance_x[k] + slopes_.variance_y[k]);
-      if (!(variance > 0.0F) || !std::isfinite(variance)) equal_ = true;  // a noise-free frame
+      if (!(variance > 0.0F) || !std::isfinite(variance)) equal_ = true;  // no noise is known
       if (!equal_) sum += 1.0 / static_cast<double>(variance);
     }
     if (equal_) return;
@@ -72,8 +73,8 @@ class Splitter {
     }
   }
 
-  /// Edge values of the slopes less their mean. The mean is a plane, exactly a gradient; taking
-  /// it out first keeps float differences of φ small.
+  /// Sets the edges to the slopes less their mean. The mean is a plane and so exactly a gradient.
+  /// Taking it out first keeps float differences of φ small.
   void load_edges() noexcept {
     double sum_x = 0.0;
     double sum_y = 0.0;
@@ -96,7 +97,7 @@ class Splitter {
     }
   }
 
-  /// out = ΓᵀW·edges, on nodes.
+  /// Computes out = ΓᵀW·edge on the nodes.
   void weighted_divergence(const AlignedVector<float>& edge, AlignedVector<float>& out) noexcept {
     std::fill(out.begin(), out.end(), 0.0F);
     for (std::size_t m = 0; m < ws_.weight_.size(); ++m) {
@@ -110,7 +111,8 @@ class Splitter {
     }
   }
 
-  /// out = A⁻¹·in with the unweighted Laplacian of the whole pupil; 0 at pinned nodes.
+  /// Computes out = A⁻¹·in with the unweighted Laplacian of the whole pupil. The result is 0 at
+  /// pinned nodes.
   void solve_laplacian(const AlignedVector<float>& in, AlignedVector<float>& out) noexcept {
     const int n = plan_.factor().size();
     std::copy_n(in.begin(), n, out.begin());
@@ -123,9 +125,10 @@ class Splitter {
     solve_laplacian(ws_.gradient_, ws_.phi_);
   }
 
-  /// Conjugate gradients on least squares (CGLS): the residual is kept on the edges, where float
-  /// is accurate, and the system, singular where faded lenslets split a component, stays
-  /// consistent. k faded lenslets change 2k eigenvalues: at most 2k+1 steps in exact arithmetic.
+  /// Solves by conjugate gradients on least squares (CGLS). The residual is kept on the edges,
+  /// where float is accurate. The system is singular where faded lenslets split a component, but it
+  /// stays consistent. k faded lenslets change 2k eigenvalues, so that at most 2k+1 steps are
+  /// needed in exact arithmetic.
   void solve_iteratively() noexcept {
     std::fill(ws_.phi_.begin(), ws_.phi_.end(), 0.0F);
     std::fill(ws_.direction_.begin(), ws_.direction_.end(), 0.0F);
@@ -145,7 +148,7 @@ class Splitter {
         ws_.direction_[i] = ws_.solved_[i] + beta * ws_.direction_[i];
       const double curvature = apply_direction();
       if (!(curvature > 0.0)) {
-        split_.converged = curvature == 0.0;  // not a number: slopes too large for float
+        split_.converged = curvature == 0.0;  // NaN: slopes too large for float
         return;
       }
       const auto alpha = static_cast<float>(energy / curvature);
@@ -158,7 +161,7 @@ class Splitter {
     }
   }
 
-  /// step_edge = Γ·direction; returns its weighted square.
+  /// Computes step_edge = Γ·direction and returns its weighted square.
   double apply_direction() noexcept {
     double sum = 0.0;
     for (std::size_t m = 0; m < ws_.weight_.size(); ++m) {
@@ -180,7 +183,8 @@ class Splitter {
     return sum;
   }
 
-  /// Curl-free slopes Γφ and what is left; the edges then hold w·e of the solenoidal part.
+  /// Stores the curl-free slopes Γφ and what is left of the slopes. The edges then hold w·e of the
+  /// solenoidal part.
   void store_slopes() noexcept {
     for (std::size_t m = 0; m < ws_.weight_.size(); ++m) {
       const Lenslet& lenslet = plan_.lenslets()[m];
@@ -207,7 +211,8 @@ class Splitter {
     }
   }
 
-  /// φ at the centres, the mean of four corners, with mean zero over each part of the pupil.
+  /// Stores φ at the lenslet centres. It is the mean over four corners, with mean zero over each
+  /// part of the pupil.
   void store_phase() noexcept {
     if (n_faded_ > 0) ws_.lattice_.build(slopes_.valid);
     const Lattice& lattice = n_faded_ > 0 ? ws_.lattice_ : plan_.lattice();
@@ -241,8 +246,8 @@ class Splitter {
     }
   }
 
-  /// ψ by adding up w·e across edges from the outside in. A faded lenslet carries nothing, which
-  /// is right: the faces on both its sides have become one.
+  /// Stores ψ by adding up w·e across edges, from the outside in. A faded lenslet adds nothing.
+  /// This is right, because the faces on both its sides have become one.
   void store_potential() noexcept {
     ws_.psi_[0] = ws_.psi_[1] = 0.0F;
     for (const SplitPlan::PotentialStep& step : plan_.potential_steps())
@@ -268,8 +273,9 @@ class Splitter {
     }
   }
 
-  /// Adds a lenslet's edges to the loops of the holes beside it. Edge A (00 → 11) runs round
-  /// corner 10 in the positive sense and round 01 in the negative, B (01 → 10) round 00 and 11.
+  /// Adds a lenslet's edges to the loops of the holes beside it. Edge A (00 → 11) runs round corner
+  /// 10 in the positive sense and round corner 01 in the negative. Edge B (01 → 10) does so round
+  /// corners 00 and 11.
   void add_to_holes(const Lattice& lattice, std::size_t m) noexcept {
     const std::int32_t k = plan_.lenslets()[m].k;
     if (slopes_.valid[index(k)] == 0) return;

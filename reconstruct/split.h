@@ -1,7 +1,8 @@
-// The least-squares (Helmholtz–Hodge) split of a slope field, exact on any pupil.
+// This file declares the least-squares (Helmholtz–Hodge) split of a slope field, which is exact on
+// any pupil.
 //
-// s = Γφ + s_sol with s_sol orthogonal to every Γφ in the weight of the fit. Γ is Fried's
-// geometry on the lattice of core/lattice.h, so that ΓᵀWΓ is a graph Laplacian on each
+// It is s = Γφ + s_sol with s_sol orthogonal to every Γφ in the weight of the fit. Γ is Fried's
+// geometry on the lattice of core/lattice.h. Therefore ΓᵀWΓ is a graph Laplacian on each
 // sublattice, and the circulation of Γφ is zero in exact arithmetic.
 #pragma once
 
@@ -17,26 +18,28 @@
 namespace curlew {
 
 struct SplitOptions {
-  /// Weight every lenslet by its inverse variance, 2/(σx²+σy²), instead of equally.
+  /// If true, every lenslet has its inverse variance, 2/(σx²+σy²), as its weight. If false, all
+  /// weights are equal.
   bool weighted = false;
-  /// Conjugate gradients (weights, or lenslets faded) end when the part of the fit's energy still
-  /// missing, in the norm of the unweighted fit, is below tolerance² of the first estimate's.
+  /// Conjugate gradients are used with weights or where lenslets have faded. They end when the part
+  /// of the fit's energy still missing, in the norm of the unweighted fit, is below tolerance²
+  /// times that of the first estimate.
   double tolerance = 1e-6;
   int max_iterations = 200;
 };
 
-/// All that follows from the pupil: the lattice and the factor of its Laplacian.
+/// The plan holds all that follows from the pupil: the lattice and the factor of its Laplacian.
 class SplitPlan {
  public:
-  /// valid: [rows, cols], non-zero where a lenslet is lit. At least one must be.
+  /// `valid` is [rows, cols] and non-zero where a lenslet is lit. Throws Failure where none is.
   SplitPlan(const Image<std::uint8_t>& valid, const SplitOptions& options);
 
-  /// One lenslet's place in slope maps and among the unknowns.
+  /// This is one lenslet's place in slope maps and among the unknowns.
   struct Lenslet {
     std::int32_t k;
-    std::array<std::int32_t, 4> node;  ///< of its corners 00, 01, 10, 11
+    std::array<std::int32_t, 4> node;  ///< nodes of its corners 00, 01, 10, 11
   };
-  /// ψ of a face from its neighbour's, across one edge of one lenslet.
+  /// This step gives ψ of a face from that of its neighbour, across one edge of one lenslet.
   struct PotentialStep {
     std::int32_t face;
     std::int32_t from_face;
@@ -49,7 +52,7 @@ class SplitPlan {
   const CholeskyFactor& factor() const { return factor_; }
   const std::vector<Lenslet>& lenslets() const { return lenslets_; }
   const std::vector<PotentialStep>& potential_steps() const { return potential_steps_; }
-  /// Lenslets that border a hole of the pupil.
+  /// Returns the lenslets that border a hole of the pupil.
   const std::vector<std::int32_t>& hole_borders() const { return hole_borders_; }
   int n_nodes() const { return lattice_.n_nodes(); }
 
@@ -66,16 +69,16 @@ class SplitPlan {
   std::vector<std::int32_t> hole_borders_;
 };
 
-/// One frame's scratch; belongs to one slot.
+/// This is one frame's scratch memory; it belongs to one slot.
 class SplitWorkspace {
  public:
   explicit SplitWorkspace(const SplitPlan& plan);
 
  private:
   friend class Splitter;
-  Lattice lattice_;              // of a frame whose lenslets have faded
+  Lattice lattice_;              // lattice of a frame in which lenslets have faded
   AlignedVector<float> weight_;  // [lenslets]
-  AlignedVector<float> edge_;    // [2·lenslets] residual on edges A, B
+  AlignedVector<float> edge_;    // [2·lenslets] residual on edges A and B
   AlignedVector<float> step_edge_;
   AlignedVector<float> phi_;  // [nodes]
   AlignedVector<float> gradient_;
@@ -87,9 +90,10 @@ class SplitWorkspace {
 };
 
 /// Splits one frame. Lenslets of the plan that are not valid in `slopes` are left out of the fit:
-/// the answer is the least-squares one on the lattice that remains. Phase, slopes: 0 there.
-/// A lenslet valid in `slopes` must be valid in the plan. Accuracy: slopes 1e-6, phase 2e-5 of the
-/// largest (float; see tests/reconstruct).
+/// the answer is the least-squares one on the lattice that remains, and phase and slopes are 0 at
+/// these lenslets. A lenslet that is valid in `slopes` must be valid in the plan. Relative to the
+/// largest value, slopes are accurate to 1e-6 and the phase to 2e-5 (in float; see
+/// tests/reconstruct).
 void split_slopes(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
                   HodgeSplit& split) noexcept;
 

@@ -16,7 +16,8 @@ Lattice lattice_of(const Image<std::uint8_t>& valid) {
   return lattice;
 }
 
-/// The lenslets with their nodes numbered, the pinned ones (the first of every component) last.
+/// Returns the lenslets with their nodes numbered. The pinned nodes, which are the first of every
+/// component, come last.
 std::vector<SplitPlan::Lenslet> number_unknowns(const Lattice& lattice) {
   std::vector<int> unknown(as_size(lattice.n_corners()), -1);
   std::vector<bool> pinned(as_size(lattice.n_components()), false);
@@ -46,8 +47,8 @@ SplitPlan::SplitPlan(const Image<std::uint8_t>& valid, const SplitOptions& optio
       lattice_(lattice_of(valid)),
       lenslets_(number_unknowns(lattice_)),
       factor_(laplacian()) {
-  // From the order of the corners to the order of elimination; pinned nodes keep their places
-  // at the end.
+  // The numbers change from the order of the corners to the order of elimination. Pinned nodes keep
+  // their places at the end.
   for (Lenslet& lenslet : lenslets_)
     for (std::int32_t& node : lenslet.node)
       if (node < factor_.size()) node = factor_.position()[as_size(node)];
@@ -72,7 +73,7 @@ Eigen::SparseMatrix<double> SplitPlan::laplacian() const {
   return a;
 }
 
-/// Walks the faces breadth first from the outer ones, where ψ is 0.
+/// Walks over the faces breadth first from the outer ones, where ψ is 0.
 void SplitPlan::plan_potential() {
   struct Crossing {
     int to;
@@ -82,7 +83,7 @@ void SplitPlan::plan_potential() {
   std::vector<std::vector<Crossing>> crossings(as_size(lattice_.n_faces()));
   for (std::size_t m = 0; m < lenslets_.size(); ++m) {
     const auto corner = lattice_.corners_of(lenslets_[m].k);
-    // w·eA = ψ(01) − ψ(10), w·eB = ψ(11) − ψ(00): edges turned by 90°.
+    // w·eA = ψ(01) − ψ(10) and w·eB = ψ(11) − ψ(00): ψ changes along the edges turned by 90°.
     const auto add = [&](int plus, int minus, int edge) {
       const int face_plus = lattice_.face_of(plus);
       const int face_minus = lattice_.face_of(minus);

@@ -47,7 +47,7 @@ class Chooser {
     }
   }
 
-  /// Whether a vortex lies on part of the array or up to 2 pitches off it.
+  /// Returns whether a vortex lies on this part of the array or up to 2 pitches off it.
   static bool near(const Vortex& vortex, int row, int col, int rows, int cols) {
     const auto within = [](float x, int first, int n) {
       return x >= static_cast<float>(first - 2) && x <= static_cast<float>(first + n + 1);
@@ -55,7 +55,7 @@ class Chooser {
     return within(vortex.x, col, cols) && within(vortex.y, row, rows);
   }
 
-  /// The candidates of a tile; false if none belongs to it.
+  /// Gathers the candidates in a tile or near it. Returns false if none belongs to the tile.
   bool gather(std::int32_t t) {
     const Lattice& lattice = tile_->lattice();
     bool any = false;
@@ -143,7 +143,8 @@ class Chooser {
     }
   }
 
-  /// Overlaps of all candidates; gain: with what those chosen at the start leave over.
+  /// Computes the overlaps of all candidates, and the gain of each: its product with the loops that
+  /// those chosen at the start do not explain.
   void multiply() {
     const std::size_t n = ws_.local.size();
     for (std::size_t a = 0; a < n; ++a) {
@@ -171,8 +172,8 @@ class Chooser {
     return ws_.overlap(static_cast<int>(a), static_cast<int>(b));
   }
 
-  /// By how much the cost changes when candidate a changes sides. An edge's square is twice its
-  /// share in the slopes'.
+  /// Returns by how much the cost changes when candidate a is added or taken away. The squares of a
+  /// lenslet's edges sum to twice those of its slopes, which scale() accounts for.
   float change(std::size_t a) {
     const float sign = ws_.chosen[a] != 0 ? -1.0F : 1.0F;
     return scale() * (overlap(a, a) - 2.0F * sign * ws_.gain[a]) + sign * ws_.cost[a];

@@ -1,4 +1,5 @@
-// Which candidates to believe: the set of vortices that the slopes as a whole speak for.
+// This file declares the choice among candidates: the set of vortices that the slopes as a whole
+// support is believed.
 #pragma once
 
 #include <cstddef>
@@ -12,38 +13,39 @@
 
 namespace curlew {
 
-/// Buffers of one frame, made once.
+/// These are the buffers of one frame, made once.
 struct VortexChoiceWorkspace {
   explicit VortexChoiceWorkspace(const VortexChoicePlan& plan);
 
   FixedList<Vortex> candidates;
-  AlignedVector<std::int32_t> tile;    ///< [candidates] each belongs to
-  std::vector<std::uint8_t> believed;  ///< [candidates] the result
+  AlignedVector<std::int32_t> tile;    ///< [candidates] tile to which each belongs
+  std::vector<std::uint8_t> believed;  ///< [candidates] the result: 1 where believed
 
-  // Of the tile in hand:
-  FixedList<std::size_t> local;   ///< candidates in it
+  // The members below describe the tile in hand.
+  FixedList<std::size_t> local;   ///< candidates in the tile or near it
   AlignedVector<float> measured;  ///< [faces] L⁻¹ of the measured loops
   AlignedVector<float> scratch;   ///< [faces] 0 between uses
   std::vector<std::uint8_t> marked;
-  AlignedVector<std::int32_t> element;  ///< L⁻¹ of each candidate's loops: where …
-  AlignedVector<float> value;           ///< … and how much
-  std::vector<std::size_t> start;       ///< [candidates + 1]
+  AlignedVector<std::int32_t> element;  ///< indices of L⁻¹ of each candidate's loops
+  AlignedVector<float> value;           ///< values at these indices
+  std::vector<std::size_t> start;       ///< [candidates + 1] where each candidate's begin
   Image<float> overlap;                 ///< [candidates, candidates] lᵀ(RᵀR)⁻¹l
-  AlignedVector<float> gain;            ///< of each candidate, l against what is still unexplained
-  AlignedVector<float> cost;            ///< −log-odds times prior_weight
+  AlignedVector<float> gain;  ///< [candidates] lᵀ(RᵀR)⁻¹ times the loops not yet explained
+  AlignedVector<float> cost;  ///< −log-odds times prior_weight
   std::vector<std::uint8_t> chosen;
 };
 
-/// Chooses among candidates the set V that makes least
-///   ½ Σ|s_sol − s_sol(V)|²/slope_variance − prior_weight·Σ_V ln(p/(1−p)),
-/// s_sol the solenoidal part of the slopes, s_sol(V) that of the vortices. A vortex shows in every
-/// slope of the pupil, as 1/r, so that one without its opposite costs much: what a detector, which
-/// looks at a few lenslets, cannot know. From all with p ≥ ½ it goes downhill, changing its mind on
-/// one or two candidates at a time. Unresolved pairs (charge 0), and what
-/// lies over 2 pitches off the array, are left out. Candidates beyond the
-/// capacity are not judged: give the surest first.
-/// Lenslets that are not valid in the frame have the mean slope of their neighbours here.
-/// chosen is cleared first; of the candidates that do not fit the overflow is counted.
+/// Chooses among the candidates the set V for which
+///     ½ Σ|s_sol − s_sol(V)|²/slope_variance − prior_weight·Σ_V ln(p/(1−p))
+/// is least, where s_sol is the solenoidal part of the slopes and s_sol(V) that of the vortices. A
+/// vortex shows in every slope of the pupil, as 1/r, so that a vortex without its opposite costs
+/// much. A detector, which looks at a few lenslets, cannot know this. The search starts from all
+/// candidates with p ≥ ½ and goes downhill. Each step adds or takes away one or two candidates.
+///
+/// Unresolved pairs (charge 0) and candidates more than 2 pitches off the array are left out.
+/// Candidates beyond the capacity are not judged, so that the surest should come first. A lenslet
+/// that is not valid in the frame takes the mean slope of its neighbours here. `chosen` is cleared
+/// first; candidates that do not fit are counted in its overflow.
 void choose_vortices(const VortexChoicePlan& plan, const VortexList& candidates,
                      const SlopeField& slopes, VortexChoiceWorkspace& workspace,
                      VortexList& chosen) noexcept;

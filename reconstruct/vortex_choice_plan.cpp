@@ -10,7 +10,7 @@
 namespace curlew {
 namespace {
 
-constexpr int kOutsides = 2;  // faces 0 and 1
+constexpr int kOutsides = 2;  // faces 0 and 1 lie outside the pupil
 
 Lattice lattice_of(const Image<std::uint8_t>& valid) {
   Lattice lattice(valid.rows(), valid.cols());
@@ -18,13 +18,14 @@ Lattice lattice_of(const Image<std::uint8_t>& valid) {
   return lattice;
 }
 
-/// Cores that an axis of n lenslets is cut into.
+/// Returns into how many cores an axis of n lenslets is cut.
 int cores(int n) {
   const int one = VortexChoicePlan::kCore + 2 * VortexChoicePlan::kMargin;
   return n <= one ? 1 : (n + VortexChoicePlan::kCore - 1) / VortexChoicePlan::kCore;
 }
 
-/// The lenslets of one core with its margin, [first, last), of `parts` cores of n lenslets.
+/// Returns the lenslets [first, last) of one core with its margin, where n lenslets are cut into
+/// `parts` cores.
 std::array<int, 2> span_of(int part, int parts, int n) {
   const int first = part * n / parts - VortexChoicePlan::kMargin;
   const int last = (part + 1) * n / parts + VortexChoicePlan::kMargin;

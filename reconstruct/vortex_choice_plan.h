@@ -1,4 +1,5 @@
-// What choosing among vortices needs of the pupil: tiles, and the factors of their loops.
+// This file declares what the choice among vortices needs of the pupil: tiles, and the factors of
+// their loops.
 #pragma once
 
 #include <cstddef>
@@ -12,34 +13,36 @@
 namespace curlew {
 
 struct VortexChoiceOptions {
-  /// Candidates less probable than this are not considered; in (0, ½].
+  /// Candidates less probable than this are not considered. It must be in (0, ½].
   float min_probability = 0.05F;
-  /// Of one slope, rad² per pitch²: noise, and what the model of a vortex does not say of it.
+  /// This is the variance of one slope in rad² per pitch². It holds the noise, and what the model
+  /// of a vortex does not explain.
   float slope_variance = 0.3F;
-  /// How much the detector's own log-odds count beside the slopes.
+  /// This says how much the detector's own log-odds count beside the slopes.
   float prior_weight = 1.0F;
-  /// Taken where the detector knows none.
+  /// This probability is taken where the detector gives none.
   float unknown_probability = 0.8F;
-  /// Softening of the vortices' slopes, pitches²; see vortex_field.h. About 0.3 gives the
+  /// This softens the vortices' slopes, in pitches²; see vortex_field.h. About 0.3 gives the
   /// circulations that propagated fields have.
   float softening = 0.3F;
 };
 
-/// Part of the array, with its faces and the factor of their Laplacian RᵀR, R the edges that part
-/// them: with l the loops round the faces, lᵀ(RᵀR)⁻¹l is the energy of the solenoidal part of the
-/// edges. What lies beyond the tile need not be known: there it is a gradient.
+/// A tile is a part of the array, with its faces and the factor of their Laplacian RᵀR, where R are
+/// the edges between the faces. If l are the loops round the faces, lᵀ(RᵀR)⁻¹l is the energy of the
+/// solenoidal part of the edges. Vortices beyond the tile need not be known, because their slopes
+/// are a gradient inside it.
 class ChoiceTile {
  public:
-  /// valid: of the tile's lenslets. Its first lenslet is (row, col) of the array.
+  /// `valid` is the map of the tile's lenslets, of which the first is (row, col) of the array.
   ChoiceTile(int row, int col, const Image<std::uint8_t>& valid);
 
   int row() const { return row_; }
   int col() const { return col_; }
   const Lattice& lattice() const { return lattice_; }
   const CholeskyFactor& factor() const { return factor_; }
-  /// Unknown of a corner's face, −1 outside the pupil.
+  /// Returns the unknown of a corner's face, and −1 outside the pupil.
   std::int32_t unknown_of(int corner) const { return unknown_[static_cast<std::size_t>(corner)]; }
-  /// The most elements that L⁻¹l of one vortex has.
+  /// Returns how many elements L⁻¹l of one vortex has at most.
   std::size_t longest_path() const { return longest_path_; }
 
  private:
@@ -53,24 +56,26 @@ class ChoiceTile {
   std::size_t longest_path_ = 0;
 };
 
-/// An array of up to kCore + 2·kMargin lenslets a side is one tile. Larger ones are cut into cores,
-/// and the candidates of a core are judged with all that lie up to kMargin round it.
+/// The plan divides the array into tiles. An array of up to kCore + 2·kMargin lenslets a side is
+/// one tile. Larger ones are cut into cores, and the candidates of a core are judged with all that
+/// lie up to kMargin round it.
 class VortexChoicePlan {
  public:
   static constexpr int kCore = 16;
   static constexpr int kMargin = 4;
 
-  /// valid: [rows, cols], non-zero where the sensor has a lenslet. capacity: the most candidates
-  /// that are judged.
+  /// `valid` is [rows, cols] and non-zero where the sensor has a lenslet. At most `capacity`
+  /// candidates are judged.
   VortexChoicePlan(const Image<std::uint8_t>& valid, const VortexChoiceOptions& options,
                    std::size_t capacity);
 
   const VortexChoiceOptions& options() const { return options_; }
   std::size_t capacity() const { return capacity_; }
-  int rows() const { return rows_; }  ///< lenslets
+  int rows() const { return rows_; }  ///< in lenslets
   int cols() const { return cols_; }
   const std::vector<ChoiceTile>& tiles() const { return tiles_; }
-  /// The tile that a candidate at (x, y) belongs to, −1 where there is no lenslet.
+  /// Returns the tile to which a candidate at (x, y) belongs, and −1 where that tile has no
+  /// lenslet.
   std::int32_t tile_at(float x, float y) const;
 
  private:
@@ -81,7 +86,7 @@ class VortexChoicePlan {
   int tile_rows_ = 1;
   int tile_cols_ = 1;
   std::vector<ChoiceTile> tiles_;
-  std::vector<std::int32_t> tile_of_core_;  // [tile_rows, tile_cols] −1: none
+  std::vector<std::int32_t> tile_of_core_;  // [tile_rows, tile_cols]; −1 for none
 };
 
 }  // namespace curlew

@@ -1,10 +1,10 @@
-// Compiled once for every instruction set and chosen at run time (Highway).
+// Highway compiles this file once for every instruction set and chooses one at run time.
 #include "reconstruct/vortex_field.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "reconstruct/vortex_field.cpp"
 #include "hwy/foreach_target.h"
-// foreach_target.h comes first.
+// Highway needs foreach_target.h before the header below.
 
 #include "hwy/highway.h"
 
@@ -14,8 +14,8 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// arctan of y/x in the right quadrant, within 2e-5; 0 where both are 0. The polynomial is of
-/// degree 11 on [0, 1] (Hastings, Approximations for Digital Computers, 1955).
+/// Returns the arctangent of y/x in the right quadrant, within 2e-5, and 0 where both are 0. The
+/// polynomial is of degree 11 on [0, 1] (Hastings, Approximations for Digital Computers, 1955).
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE V arctan2(D d, V y, V x) {
   const V ax = hn::Abs(x);
@@ -42,7 +42,7 @@ void evaluate_all(const PointVortex* vortices, std::size_t n, float softening, i
   for (int row = 0; row < rows; ++row) {
     for (int col = 0; col < cols; col += lanes) {
       const V x = hn::Iota(d, static_cast<float>(col));
-      V re = hn::Set(d, 1.0F);  // Π of unit phasors: their arguments add up
+      V re = hn::Set(d, 1.0F);  // product of unit phasors, whose arguments add up
       V im = hn::Zero(d);
       V gx = hn::Zero(d);
       V gy = hn::Zero(d);
@@ -58,7 +58,7 @@ void evaluate_all(const PointVortex* vortices, std::size_t n, float softening, i
         const V inverse2 = hn::Mul(inverse, inverse);
         gx = hn::NegMulAdd(dy, inverse2, gx);
         gy = hn::MulAdd(hn::Mul(charge, dx), inverse2, gy);
-        const V u = hn::Mul(dx, inverse);  // shorter than 1: the softening is in it
+        const V u = hn::Mul(dx, inverse);  // shorter than 1, because r2 holds the softening
         const V w = hn::Mul(dy, inverse);
         const V turned = hn::NegMulAdd(im, w, hn::Mul(re, u));
         im = hn::MulAdd(re, w, hn::Mul(im, u));

@@ -1,4 +1,4 @@
-// The phase and the slopes of round vortices, at the centres of lenslets.
+// This file declares the phase and the slopes of round vortices at the centres of lenslets.
 #pragma once
 
 #include <cstddef>
@@ -7,17 +7,18 @@
 
 namespace curlew {
 
-/// A round vortex, φ = charge·arg(z − z_vortex).
+/// This is a round vortex, φ = charge·arg(z − z_vortex).
 struct PointVortex {
-  float x = 0;  ///< lenslet units
+  float x = 0;  ///< in lenslet units
   float y = 0;
   float charge = 1;  ///< +1 or −1
 };
 
-/// phase: Σφ of n vortices wrapped into [−π, π], rad, within 2e-5; 0 at a vortex itself.
-/// slope_x, slope_y: its gradient softened at the core, Σ charge·(−y, x)/(r² + softening), rad per
-/// pitch. It turns round the vortex as a lenslet's mean of the intensity-weighted gradient does,
-/// and has no divergence either. All [rows, cols]. softening: pitches², more than 0.
+/// Computes the phase and the slopes of n vortices, all [rows, cols]. `phase` is Σφ wrapped into
+/// [−π, π], in rad, within 2e-5; it is 0 at a vortex itself. slope_x and slope_y are its gradient
+/// softened at the core, Σ charge·(−y, x)/(r² + softening), in rad per pitch. They turn round the
+/// vortex as a lenslet's mean of the intensity-weighted gradient does, and have no divergence
+/// either. `softening` is in pitches² and more than 0.
 void evaluate_vortices(const PointVortex* vortices, std::size_t n, float softening,
                        Image<float>& phase, Image<float>& slope_x, Image<float>& slope_y) noexcept;
 

@@ -12,7 +12,8 @@ constexpr float kTwoPi = 6.28318530718F;
 }  // namespace
 
 VortexLoops vortex_loops(float x, float y, float charge, float softening) noexcept {
-  const float top = std::floor(y + 0.5F) - static_cast<float>(kLoopReach) - y;  // of the lenslets
+  // The lenslets of the square begin here, relative to the vortex.
+  const float top = std::floor(y + 0.5F) - static_cast<float>(kLoopReach) - y;
   const float left = std::floor(x + 0.5F) - static_cast<float>(kLoopReach) - x;
   VortexLoops loops{};
   for (int i = 0; i <= kLoopSide; ++i) {
