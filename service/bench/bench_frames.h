@@ -1,6 +1,7 @@
-// The frames on which centroid codes are compared: Gaussian spots of σ = P/6 px held within .9 and
-// 2, peak 2000·exp(½N(0,1)) ADU up to 30000, displaced uniformly within ±P/8 px on both axes,
-// background 100 ADU, Gaussian noise 3 ADU, no photon noise, u16.
+// The frames on which centroid codes are compared. They show Gaussian spots of σ = P/6 px, but at
+// least .9 and at most 2 px, with a peak of 2000·exp(½N(0,1)) ADU, but at most 30000. The spots are
+// displaced uniformly within ±P/8 px on both axes. The background is 100 ADU, with Gaussian noise
+// of 3 ADU and no photon noise. Pixels are u16.
 #pragma once
 
 #include <array>
@@ -20,14 +21,14 @@ inline constexpr double kBenchThresholdAdu = 20.0;  ///< above the background
 struct BenchCase {
   int rows = 0;  ///< lenslets
   int cols = 0;
-  int window_px = 0;  ///< P
+  int window_px = 0;  ///< P: pixels per lenslet side
 };
 inline constexpr std::array<BenchCase, 3> kBenchCases = {{{40, 40, 6}, {80, 80, 10}, {30, 30, 32}}};
 
 struct BenchFrame {
   FrameFormat format;
   Image<std::uint16_t> pixels;
-  Image<float> true_dx_px;  ///< [rows, cols] from the windows' centres
+  Image<float> true_dx_px;  ///< [rows, cols], from the windows' centres
   Image<float> true_dy_px;
 
   FrameView view() const {
@@ -36,20 +37,22 @@ struct BenchFrame {
   }
 };
 
-/// Where the spots of a frame are displaced to, always within ±P/8 px.
+/// How the spots of a frame are displaced, always within ±P/8 px.
 enum class BenchSlopes {
-  kRandom,  ///< every lenslet for itself: for the accuracy of centroids
-  kSmooth,  ///< a wavefront of a few long waves: for whole pipelines, few vortices but noise's own
+  kRandom,  ///< every lenslet on its own, for the accuracy of centroids
+  /// By a wavefront of a few long waves, for whole pipelines: hardly any vortices but those of
+  /// noise.
+  kSmooth,
 };
 
 BenchFrame make_bench_frame(const BenchCase& which, BenchSlopes slopes, std::uint64_t seed);
 
-/// The sensor of these frames: windows that tile the frame, references at their centres, gain 1,
-/// background known, 1 electron an ADU.
+/// Returns the sensor of these frames: its windows tile the frame, the references are the windows'
+/// centres, the gain is 1, the background is known, and 1 ADU is 1 electron.
 Sensor tiled_sensor(const BenchCase& which);
 
-/// Gives the sensor an uneven dark, a flat of a few % and some bad pixels, so that all maps are
-/// in use.
+/// Gives the sensor an uneven dark, a flat of a few % and some bad pixels, so that all maps are in
+/// use.
 void add_maps(Sensor& sensor, std::uint64_t seed);
 
 }  // namespace curlew

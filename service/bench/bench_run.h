@@ -1,4 +1,4 @@
-// What all benchmarks on simulated fields have in common: where fields are kept, how they are run.
+// What all benchmarks on simulated fields share: where fields are kept, and how the benchmarks run.
 #pragma once
 
 #include <cstdint>
@@ -19,14 +19,14 @@ struct BenchRun {
   bool quick = false;
   bool json = false;
 
-  /// Where fields are kept; empty: nowhere.
+  /// Returns the folder in which fields are kept; empty: they are not kept.
   std::string folder() const { return no_cache ? std::string() : cache; }
 
-  /// --quick, --cache, --no-cache, --threads, --json. quick_text: what --quick does.
+  /// Adds --quick, --cache, --no-cache, --threads and --json. quick_text: what --quick does.
   void add_to(CLI::App& command, const std::string& quick_text, int& threads);
 
-  /// What work(step) returns, behind a progress bar of n steps. step() throws Failure where the
-  /// user has asked to stop.
+  /// Returns what work(step) returns, and shows a progress bar of n steps. step() throws Failure if
+  /// the user has asked to stop.
   template <class Work>
   auto watch(const char* what, std::int64_t n, Work work) const {
     Progress progress(what, n);
@@ -40,7 +40,7 @@ struct BenchRun {
   void check_interrupt() const;
 };
 
-/// Throws Failure from a debug build.
+/// Throws Failure if this is a debug build.
 void refuse_debug_build();
 
 }  // namespace curlew

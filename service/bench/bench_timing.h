@@ -1,4 +1,4 @@
-// Timing what takes microseconds.
+// Times things that take microseconds.
 #pragma once
 
 #include <chrono>
@@ -9,7 +9,7 @@
 
 namespace curlew {
 
-/// How long it takes to do something, µs.
+/// Returns how long it takes to do something, in µs.
 template <typename Do>
 double time_us(Do something) {
   const auto start = std::chrono::steady_clock::now();
@@ -18,7 +18,7 @@ double time_us(Do something) {
       .count();
 }
 
-/// As median_of(), and leaves the caller's values in their order.
+/// Returns the median like median_of(), but leaves the caller's values in their order.
 inline double median(std::vector<double> values) { return median_of(std::span(values)); }
 
 }  // namespace curlew

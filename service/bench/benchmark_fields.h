@@ -1,4 +1,4 @@
-// The frozen fields of a benchmark's subset and the truth that detectors are held to.
+// The frozen fields of a benchmark's subset, and the truth that detectors are measured against.
 #pragma once
 
 #include <functional>
@@ -9,15 +9,15 @@
 
 namespace curlew {
 
-/// The realisations of one subset, behind one turbulence, and the graded truth of each.
+/// The realisations of one subset behind one turbulence, and the graded truth of each.
 struct BenchmarkFields {
   Subset subset;
   std::vector<Realisation> realisations;
   std::vector<std::vector<GradedVortex>> truths;
 };
 
-/// The first n of the subset, from the cache or simulated. step is called after each, by one thread
-/// at a time, and may throw to end the work.
+/// Reads the first n of the subset from the cache, or simulates them. step is called after each, by
+/// one thread at a time, and may throw to end the work.
 BenchmarkFields load_fields(const FieldParameters& parameters, Subset subset, int n, int threads,
                             const RealisationCache& cache, const std::function<void()>& step);
 

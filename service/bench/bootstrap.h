@@ -1,4 +1,4 @@
-// The bootstrap: how far a figure might have come out otherwise, from frames drawn with
+// The bootstrap tells how far a figure might have come out otherwise, from frames drawn with
 // replacement.
 #pragma once
 
@@ -10,10 +10,11 @@
 
 namespace curlew {
 
-/// All benchmarks': figures of the same frames can be compared sample by sample.
+/// The seed of all benchmarks. So figures of the same frames can be compared sample by sample.
 inline constexpr std::uint64_t kBootstrapSeed = 20070401;
 
-/// Calls use(i) for each of the n frames drawn from n, by the seed and the number of the sample.
+/// Calls use(i) for each of n frames that are drawn from n frames by the seed and the sample's
+/// number.
 template <typename Use>
 void draw_frames(std::size_t n, std::uint64_t seed, int sample, Use use) {
   RandomStream random(seed, static_cast<std::uint64_t>(sample));
@@ -26,8 +27,8 @@ struct Interval {
   double high = 0.0;
 };
 
-/// The middle `coverage` of the samples of one figure, those that are NaN left out; NaN where none
-/// is left.
+/// Returns the interval that holds the middle `coverage` of the samples of one figure. NaNs are
+/// left out; the interval is NaN if nothing is left.
 Interval interval_of(std::vector<double> samples, double coverage = 0.95);
 
 }  // namespace curlew

@@ -1,4 +1,4 @@
-// The benchmark of detection: every detector on every cell of Rytov variance and photons.
+// The benchmark of detection: every detector in every cell of Rytov variance and photons.
 #pragma once
 
 #include <functional>
@@ -15,34 +15,36 @@ struct DetectionBenchmarkOptions {
   FieldParameters field;  ///< its Rytov variance is not used
   std::vector<double> rytov_variances{1.0, 2.0, 4.0};
   std::vector<double> photons{kWithoutNoise, 1000.0, 200.0};
-  MeasurementOptions measurement;  ///< its photons are not used; without noise always plain
+  /// Its photons are not used; without noise the method is always plain.
+  MeasurementOptions measurement;
   int test_realisations = 100;
   int validation_realisations = 60;
   int bootstrap_samples = 1000;
-  std::vector<double> controlled_rates{};  ///< more rows, each held to one false alarm rate
+  /// Each adds rows, held to this rate of false alarms a frame.
+  std::vector<double> controlled_rates{};
   int threads = 1;
 };
 
-/// One detector on one cell.
+/// The result of one detector in one cell.
 struct DetectionRowResult {
   std::string name;
   std::string method;
-  double threshold = 0.0;  ///< best for the validation subset
-  DetectionScore score;    ///< of the test subset
+  double threshold = 0.0;  ///< the best for the validation subset
+  DetectionScore score;    ///< score on the test subset
   std::vector<DetectionScore> samples;
-  double microseconds = 0.0;  ///< a frame, median
+  double microseconds = 0.0;  ///< µs a frame, median
 };
 
 struct DetectionCellResult {
   double rytov_variance = 0.0;
   double photons = 0.0;
-  int required = 0;           ///< vortices in the test subset
-  double measuring_ms = 0.0;  ///< a frame, median
+  int required = 0;           ///< required vortices in the test subset
+  double measuring_ms = 0.0;  ///< ms a frame, median
   std::vector<DetectionRowResult> rows;
 };
 
-/// step is called whenever a realisation has been made or read, and may throw to end the run.
-/// Threads take realisations in turn; the results do not depend on how many there are.
+/// step is called whenever a realisation was made or read, and may throw to end the run. Threads
+/// take realisations in turn; the results do not depend on the number of threads.
 std::vector<DetectionCellResult> run_detection_benchmark(const DetectionBenchmarkOptions& options,
                                                          const RealisationCache& cache,
                                                          const std::function<void()>& step);

@@ -14,38 +14,39 @@
 namespace curlew {
 
 /// A plane wave behind turbulence, on a periodic grid, as a square array of lenslets sees it. The
-/// defaults are the benchmark's.
+/// defaults are those of the benchmark.
 struct FieldParameters {
   double rytov_variance = 1.0;
-  double lenslet = 0.064;             ///< side, √(λL)
+  double lenslet = 0.064;             ///< side of a lenslet, √(λL)
   int rows = 16;                      ///< lenslets. More of them cost little more: the propagated
   int cols = 16;                      ///< grid is 4 √(λL) wide, 62 lenslets of the default size
-  int window_px = 6;                  ///< ±1.5 λ/w
-  double samples_per_lambda_w = 2.0;  ///< pixels of .5 λ/w
+  int window_px = 6;                  ///< the default is ±1.5 λ/w
+  double samples_per_lambda_w = 2.0;  ///< the default is pixels of .5 λ/w
 };
 
-/// What nothing may be shared between: detectors learn from the first, their thresholds and
-/// whatever else is chosen come from the second, and the third only states how good they are.
+/// The three subsets share nothing. Detectors learn from the first. Thresholds, and whatever else
+/// is chosen, come from the second. The third only states how good the detectors are.
 enum class Subset { kTraining, kValidation, kTest };
 
-/// The seed of a subset's realisation, index from 0 to below 1,000,000. These are frozen: change
-/// them and no two figures of detection can be compared.
+/// Returns the seed of a subset's realisation; index: from 0 to below 1,000,000. The seeds are
+/// frozen: if they change, no two figures of detection can be compared.
 std::uint64_t realisation_seed(Subset subset, int index);
 
 /// One propagated field as the sensor gets it, before any noise.
 struct Realisation {
-  /// [rows·window_px, cols·window_px], each lenslet's window beside the next: electrons a pixel
-  /// gets on average where a lenslet of amplitude 1 gathers one electron over its whole far field.
+  /// The light, [rows·window_px, cols·window_px], each lenslet's window beside the next. The unit
+  /// is the mean number of electrons of a pixel where a lenslet of amplitude 1 gathers one electron
+  /// over its whole far field.
   Image<float> light;
-  /// All known, those up to 4 pitches off the array too.
+  /// All vortices that are known, including those up to 4 pitches off the array.
   std::vector<SceneVortex> vortices;
 };
 
-/// The simulator that makes the realisation of these parameters and this seed, as its frame 0.
+/// Returns the simulator's options that make this realisation as frame 0.
 SimulatorOptions simulator_options(const FieldParameters& parameters, std::uint64_t seed);
 
-/// Same parameters, same seed: the same bytes. Takes a quarter of a second at the default size, and
-/// may be called by several threads at once. Throws as Simulator does.
+/// The same parameters and seed give the same bytes. It takes a quarter of a second at the default
+/// size, and several threads may call it at once. Throws as Simulator does.
 Realisation simulate_realisation(const FieldParameters& parameters, std::uint64_t seed);
 
 /// What a realisation costs.
@@ -55,17 +56,17 @@ struct RealisationCost {
 };
 RealisationCost realisation_cost(const FieldParameters& parameters);
 
-/// Where simulated fields are kept; nothing for an empty name. Throws Failure where it cannot be
-/// made.
+/// Makes the folder in which simulated fields are kept; does nothing for an empty name. Throws
+/// Failure if it cannot be made.
 void make_cache_folder(const std::string& folder);
 
-/// Realisations in a folder, one FITS file each: the image and the table VORTICES (X, Y, CHARGE).
-/// A file appears whole or not at all. Its name says parameters and seed, but not the program's
-/// version: delete the folder when propagation has changed. Several threads and several processes
-/// may use one folder at once.
+/// Keeps realisations in a folder, one FITS file each: the image and the table VORTICES (X, Y,
+/// CHARGE). A file appears whole or not at all. Its name stands for parameters and seed, but not
+/// for the program's version: delete the folder if propagation has changed. Several threads and
+/// processes may use one folder at once.
 class RealisationCache {
  public:
-  /// Empty: nothing is kept. Else the folder is made. Throws Failure where it cannot be.
+  /// folder: made if it is missing; empty: nothing is kept. Throws Failure if it cannot be made.
   explicit RealisationCache(std::string folder);
 
   const std::string& folder() const { return folder_; }
@@ -80,7 +81,8 @@ class RealisationCache {
   std::string folder_;
 };
 
-/// $XDG_CACHE_HOME/curlew/detection, else ~/.cache/curlew/detection; empty where neither is known.
+/// Returns $XDG_CACHE_HOME/curlew/detection, else ~/.cache/curlew/detection, or an empty name if
+/// neither is known.
 std::string default_realisation_folder();
 
 }  // namespace curlew

@@ -1,4 +1,4 @@
-// From a realisation to what a detector gets: noise, centroids, slopes, circulation, split.
+// Takes a realisation to what a detector gets: noise, centroids, slopes, circulation, split.
 #pragma once
 
 #include <cstdint>
@@ -21,28 +21,30 @@ namespace curlew {
 inline constexpr double kWithoutNoise = std::numeric_limits<double>::infinity();  ///< photons
 
 struct MeasurementOptions {
-  double photons = 1000.0;    ///< a lenslet of amplitude 1; infinite: no noise, and no threshold
-  double read_noise_e = 1.0;  ///< rms
+  /// Photons of a lenslet of amplitude 1; infinite: no noise and no threshold.
+  double photons = 1000.0;
+  double read_noise_e = 1.0;  ///< electrons, rms
   CentroidMethod method = CentroidMethod::kThresholded;
-  double threshold_noise = 3.0;  ///< read noises, of all but kPlain
-  // See CentroidOptions.
+  double threshold_noise = 3.0;  ///< in read noises; it holds for all methods but kPlain
+  // These three are explained in CentroidOptions.
   double spot_sigma_px = 0.0;
   double reference_pull = 3.0;
   int brightest_pixels = 0;
   PupilShape pupil = PupilShape::kSquare;  ///< which lenslets get light
-  double faded = 0.0;  ///< part of the pupil's lenslets, drawn anew in every frame, that are dark
+  double faded = 0.0;  ///< part of the pupil's lenslets that are dark, drawn anew in every frame
 };
 
-/// All that does not change from frame to frame. Const after construction, shared by threads.
+/// All that does not change from frame to frame. It is const after construction and shared by
+/// threads.
 ///
-/// The sensor is ideal but for its windows: references where a plane wave's spots lie; one gain for
-/// all, measured with tilts of ±.25 rad a pitch at the very flux and threshold. Counts are fine
-/// enough (.25 electrons or less) and range far enough for neither to matter. Lenslets are neither
-/// dropped for faintness nor at their window's edge: vortices sit in the dark. Those outside the
-/// pupil the sensor does not have.
+/// The sensor is ideal except for its windows. The references are where a plane wave's spots lie.
+/// All lenslets have one gain, measured with tilts of ±.25 rad a pitch at the same flux and
+/// threshold. Counts are so fine (.25 electrons at the benchmark's fluxes) and reach so far that
+/// neither matters. No lenslet is dropped because it is faint or at its window's edge, for vortices
+/// sit in the dark. The sensor has no lenslets outside the pupil.
 class MeasurementPlan {
  public:
-  /// Throws UsageError on numbers that make no sense.
+  /// Throws UsageError if numbers make no sense.
   MeasurementPlan(const FieldParameters& parameters, const MeasurementOptions& options);
 
   const FieldParameters& parameters() const { return parameters_; }
@@ -54,8 +56,8 @@ class MeasurementPlan {
   const SlopePlan& slopes() const { return *slopes_; }
   const SplitPlan& split() const { return split_; }
 
-  /// The flux, in ADU, of a lenslet of amplitude 1, were all its light in the window and above the
-  /// threshold.
+  /// Returns the flux, in ADU, that a lenslet of amplitude 1 would have if all its light were in
+  /// the window and above the threshold.
   double flux_unit_adu() const;
 
  private:
@@ -73,26 +75,27 @@ class MeasurementPlan {
   SplitPlan split_;
 };
 
-/// One frame and all that was measured in it; filled anew by every measure_frame.
+/// One frame and all that was measured in it. Every measure_frame fills it anew.
 struct MeasuredFrame {
   explicit MeasuredFrame(const MeasurementPlan& plan);
 
-  FrameBuffer frame;  ///< u16 counts
-  /// As find_centroids leaves them. Noise-free frames: their flux is in units of
-  /// MeasurementPlan::flux_unit_adu too, though every window was exposed for itself.
+  FrameBuffer frame;  ///< counts, u16
+  /// The centroids as find_centroids leaves them. In noise-free frames, too, the flux is in units
+  /// of MeasurementPlan::flux_unit_adu, although every window had a scale of its own.
   Centroids centroids;
-  /// All valid: where the centroid is not (no light above the threshold) the slope is 0, with the
-  /// variance of a spot that may be anywhere in its window. Noise-free frames: variances are 0.
+  /// The slopes, all valid. Where the centroid is not valid (no light above the threshold) the
+  /// slope is 0, with the variance of a spot that may be anywhere in its window. In noise-free
+  /// frames variances are 0.
   SlopeField slopes;
-  CirculationMap circulation;  ///< of these slopes: every cell is valid
+  CirculationMap circulation;  ///< made of these slopes; every cell is valid
   SplitWorkspace split_workspace;
-  HodgeSplit split;  ///< of these slopes
+  HodgeSplit split;  ///< made of these slopes
 };
 
-/// Draws the faded lenslets of the seed and the noise of (seed, photons), and measures. The same
-/// arguments give the same bits. One plan and realisation serve many threads, each with a
-/// MeasuredFrame of its own. Half a ms a frame of 16×16 lenslets with noise, which is drawing
-/// photons; .06 ms without.
+/// Draws the faded lenslets from the seed and the noise from (seed, photons), and measures the
+/// frame. The same arguments give the same bits. Many threads may use one plan and realisation,
+/// each with a MeasuredFrame of its own. A frame of 16×16 lenslets takes half a ms with noise,
+/// which is mostly drawing photons, and .06 ms without.
 void measure_frame(const MeasurementPlan& plan, const Realisation& realisation, std::uint64_t seed,
                    MeasuredFrame& measured);
 

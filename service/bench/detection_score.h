@@ -16,8 +16,8 @@
 
 namespace curlew {
 
-/// A place a detector names, in lenslet units. A larger score is surer; scores are compared over
-/// all frames of a detector, never between detectors.
+/// A place that a detector names, in lenslet units. A larger score means more certainty. Scores are
+/// compared over all frames of one detector, never between detectors.
 struct Candidate {
   double x = 0.0;
   double y = 0.0;
@@ -29,23 +29,25 @@ struct Candidate {
 /// no candidates.
 std::vector<Candidate> candidates_by_probability(const VortexList& vortices);
 
-/// The false alarms a frame at which recall is stated.
+/// Recall is stated at this rate of false alarms a frame.
 inline constexpr double kStatedFalseAlarms = 0.05;
 
-/// Where vortices and candidates count: the square of the array's nodes, [½, n − 1½] in lenslet
-/// units along an axis of n lenslets, which is [1, n − 1] from the array's edge. With a pupil: the
-/// lenslets of that square that have all eight round them in the pupil, so that every node at their
-/// corners has its four lenslets. In a square pupil that is the same.
+/// The region in which vortices and candidates count: the square of the array's nodes, [½, n − 1½]
+/// in lenslet units along an axis of n lenslets, which is [1, n − 1] from the array's edge. With a
+/// pupil, only those lenslets of the square count whose eight neighbours lie in the pupil, so that
+/// every node at their corners has its four lenslets. A square pupil changes nothing.
 struct Interior {
   int rows = 0;  ///< lenslets
   int cols = 0;
-  const Image<std::uint8_t>* pupil = nullptr;  ///< [rows, cols], 0 outside; null: all is inside
+  /// [rows, cols], 0 outside the pupil; null: all lenslets are in it.
+  const Image<std::uint8_t>* pupil = nullptr;
 
   bool contains(double x, double y) const {
     if (!(x >= 0.5 && x <= cols - 1.5 && y >= 0.5 && y <= rows - 1.5)) return false;
     if (pupil == nullptr) return true;
     const int row =
-        std::min(static_cast<int>(std::lround(y)), rows - 2);  // on the far side: the last
+        // The far side belongs to the last lenslet.
+        std::min(static_cast<int>(std::lround(y)), rows - 2);
     const int col = std::min(static_cast<int>(std::lround(x)), cols - 2);
     bool inside = true;
     for (int r = row - 1; r <= row + 1; ++r)
@@ -54,13 +56,13 @@ struct Interior {
   }
 };
 
-/// A candidate that counts.
+/// The judgement of a candidate that counts.
 struct Verdict {
   double score = 0.0;
-  bool hit = false;       ///< else it is a false alarm
-  bool isolated = false;  ///< hits: of an isolated vortex
-  double error = 0.0;     ///< hits: distance from the vortex, pitches
-  int vortex = -1;        ///< hits: which, an index into the truth
+  bool hit = false;       ///< true: it hits a vortex; false: it is a false alarm
+  bool isolated = false;  ///< of a hit: its vortex is isolated
+  double error = 0.0;     ///< of a hit: distance from its vortex, pitches
+  int vortex = -1;        ///< of a hit: its vortex, as an index into the truth
 };
 
 struct FrameVerdicts {
@@ -68,27 +70,29 @@ struct FrameVerdicts {
   std::vector<Verdict> verdicts;  ///< by falling score; candidates that do not count are left out
 };
 
-/// Matches one to one. The candidates choose by falling score, each the nearest required vortex of
-/// its sign in the interior, within kHitRadius (truth_match.h), that is not taken: so what lies
-/// below a threshold never changes what lies above. One that gets none does not count where it lies
-/// within kHitRadius of another vortex of its sign that is not required or not in the interior, or
-/// where it lies outside the interior itself. Else it is a false alarm.
+/// Matches candidates and vortices one to one. The candidates choose by falling score. Each takes
+/// the nearest required vortex of its sign in the interior that is within kHitRadius
+/// (truth_match.h) and not yet taken. So candidates below a threshold never change the verdict on
+/// those above. A candidate that gets none does not count if it lies outside the interior, or
+/// within kHitRadius of another vortex of its sign that is not required or not in the interior.
+/// Otherwise it is a false alarm.
 FrameVerdicts judge_frame(std::vector<Candidate> candidates, std::span<const GradedVortex> truth,
                           const Interior& interior);
 
-/// NaN where a figure is not defined: nothing required, or nothing hit.
+/// A figure is NaN where it is not defined, because nothing is required or nothing was hit.
 struct DetectionScore {
-  double f1 = 0.0;       ///< at the threshold given
-  double best_f1 = 0.0;  ///< at the threshold best for these very frames: optimistic
-  /// Σ (step of recall)·precision over the thresholds, without interpolation.
+  double f1 = 0.0;  ///< at the given threshold
+  /// At the threshold that is best for these very frames, so it is optimistic.
+  double best_f1 = 0.0;
+  /// The sum Σ (step of recall)·precision over the thresholds, without interpolation.
   double average_precision = 0.0;
-  double recall = 0.0;        ///< at kStatedFalseAlarms a frame at most
-  double rms = 0.0;           ///< of the distances of hits at the threshold given, pitches
-  double isolated_rms = 0.0;  ///< the same of isolated vortices
+  double recall = 0.0;        ///< at kStatedFalseAlarms a frame or fewer
+  double rms = 0.0;           ///< distance of hits at the given threshold, rms, pitches
+  double isolated_rms = 0.0;  ///< rms for isolated vortices only
 };
 
 struct ScoreMember {
-  std::string_view name;  ///< as in JSON
+  std::string_view name;  ///< the key in JSON
   double DetectionScore::*value;
 };
 inline constexpr std::array<ScoreMember, 6> kScoreMembers = {{
@@ -100,22 +104,22 @@ inline constexpr std::array<ScoreMember, 6> kScoreMembers = {{
     {"isolated_rms", &DetectionScore::isolated_rms},
 }};
 
-/// All verdicts of one detector over some frames, in one order. Equal scores stand or fall
-/// together.
+/// All verdicts of one detector over some frames, in one order. Candidates of equal score are
+/// believed or rejected together.
 class DetectionRecord {
  public:
   explicit DetectionRecord(std::span<const FrameVerdicts> frames);
 
   int required() const { return total_required_; }
 
-  /// The score from which on candidates are believed so that F1 is best; +infinity where no
-  /// threshold finds anything.
+  /// Returns the lowest score to believe for which F1 is best, or +infinity if no threshold finds
+  /// anything.
   double best_threshold() const;
 
   DetectionScore score(double threshold) const;
 
-  /// As score(), of `samples` draws of as many frames with replacement. The same seed draws the
-  /// same frames, so that two detectors' samples can be compared one by one.
+  /// Returns score() for `samples` draws of as many frames with replacement. The same seed draws
+  /// the same frames, so that the samples of two detectors can be compared one by one.
   std::vector<DetectionScore> bootstrap(double threshold, int samples, std::uint64_t seed) const;
 
  private:

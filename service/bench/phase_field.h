@@ -11,10 +11,10 @@
 
 namespace curlew {
 
-inline constexpr int kPhaseFieldSamples = 8;  ///< points a lenslet side, at least
+inline constexpr int kPhaseFieldSamples = 8;  ///< points along a lenslet's side, at least
 
-/// Points of the propagated field over the array, no margin: point (i, j) lies at lenslet units
-/// (first + j/n, first + i/n), n = samples_per_lenslet.
+/// Points of the propagated field over the array, without margin. Point (i, j) lies at (first +
+/// j/n, first + i/n) in lenslet units, where n = samples_per_lenslet.
 struct PhaseField {
   Image<std::complex<float>> values;  ///< [rows·n, cols·n]
   int samples_per_lenslet = 0;
@@ -25,15 +25,16 @@ struct PhaseField {
   }
 };
 
-/// The very field that simulate_realisation() turns into light: same parameters, same seed, same
-/// propagation. Of its points every so many are kept, none averaged. Throws as Simulator does.
+/// Returns the very field that simulate_realisation() turns into light, for the same parameters and
+/// seed. Every so many of its points are kept, and none are averaged. Throws as Simulator does.
 PhaseField simulate_phase_field(const FieldParameters& parameters, std::uint64_t seed);
 
-/// Fields in a folder, one FITS file each, [2, rows·n, cols·n], real part first. As for
-/// RealisationCache, the name does not say the program's version, and many may use it at once.
+/// Keeps fields in a folder, one FITS file each, [2, rows·n, cols·n], the real part first. As with
+/// RealisationCache, the name does not stand for the program's version, and many may use it at
+/// once.
 class PhaseFieldCache {
  public:
-  /// Empty: nothing is kept. Else the folder is made. Throws Failure where it cannot be.
+  /// folder: made if it is missing; empty: nothing is kept. Throws Failure if it cannot be made.
   explicit PhaseFieldCache(std::string folder);
 
   bool holds(const FieldParameters& parameters, std::uint64_t seed) const;
