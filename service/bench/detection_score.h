@@ -45,9 +45,8 @@ struct Interior {
   bool contains(double x, double y) const {
     if (!(x >= 0.5 && x <= cols - 1.5 && y >= 0.5 && y <= rows - 1.5)) return false;
     if (pupil == nullptr) return true;
-    const int row =
-        // The far side belongs to the last lenslet.
-        std::min(static_cast<int>(std::lround(y)), rows - 2);
+    // The far side belongs to the last lenslet.
+    const int row = std::min(static_cast<int>(std::lround(y)), rows - 2);
     const int col = std::min(static_cast<int>(std::lround(x)), cols - 2);
     bool inside = true;
     for (int r = row - 1; r <= row + 1; ++r)
