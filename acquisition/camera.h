@@ -1,4 +1,4 @@
-// Camera: a device that sends frames by itself.
+// A Camera is a device that sends frames by itself.
 #pragma once
 
 #include <cstdint>
@@ -14,17 +14,18 @@
 
 namespace curlew {
 
-/// What became of the frames of a camera. By its own numbering every frame is in exactly one:
-/// last − first + 1 = delivered + incomplete + timed_out + aborted + wrong_size + other + lost.
+/// Counts what became of the frames of a camera. By the camera's own numbering every frame is in
+/// exactly one of the counts down to `lost`: last − first + 1 = delivered + incomplete + timed_out
+/// + aborted + wrong_size + other + lost.
 struct FrameCounts {
-  std::int64_t delivered = 0;   ///< whole, given to the exchange
-  std::int64_t incomplete = 0;  ///< packets or bytes missing
-  std::int64_t timed_out = 0;   ///< its end never came
-  std::int64_t aborted = 0;     ///< the stream stopped in the middle of it
-  std::int64_t wrong_size = 0;  ///< more or fewer pixels than agreed
-  std::int64_t other = 0;       ///< any other status that is not success
-  std::int64_t lost = 0;        ///< numbers that never came
-  std::int64_t no_buffer = 0;   ///< of those lost: we had no buffer free
+  std::int64_t delivered = 0;   ///< frames that came whole and went to the exchange
+  std::int64_t incomplete = 0;  ///< frames with packets or bytes missing
+  std::int64_t timed_out = 0;   ///< frames whose end never came
+  std::int64_t aborted = 0;     ///< frames in the middle of which the stream stopped
+  std::int64_t wrong_size = 0;  ///< frames with more or fewer pixels than agreed
+  std::int64_t other = 0;       ///< frames with any other status that is not success
+  std::int64_t lost = 0;        ///< frames whose numbers never came
+  std::int64_t no_buffer = 0;   ///< those lost frames for which no buffer was free
 
   FrameCounts& operator+=(const FrameCounts& more) {
     delivered += more.delivered;
@@ -37,7 +38,7 @@ struct FrameCounts {
     no_buffer += more.no_buffer;
     return *this;
   }
-  /// All that were not delivered.
+  /// Returns how many frames were not delivered.
   std::int64_t dropped() const {
     return incomplete + timed_out + aborted + wrong_size + other + lost;
   }
@@ -49,37 +50,39 @@ class Camera {
 
   virtual const FrameFormat& format() const = 0;
 
-  /// What is attached, for people: vendor, model, serial number, address.
+  /// Returns what is attached, for people: vendor, model, serial number, address.
   virtual std::string description() const = 0;
 
-  /// Sentences on what the camera does otherwise than it was told, and on what it sends.
+  /// Returns sentences on what the camera does otherwise than it was told, and on what it sends.
   virtual std::vector<std::string> notes() const = 0;
 
-  /// What the source tells of optics and detector, as recordings and the simulator do.
+  /// These return what the source tells of optics and detector, as recordings and the simulator do.
   virtual Optics optics() const { return {}; }
   virtual Detector detector() const { return {}; }
 
   /// Sends frames to the exchange, from a thread of its own, until stop(). Each header is complete,
-  /// sequence counts on through wraps of the device's numbers, and the first is `renumbered`.
-  /// Failure names the device. Where the camera dies or ends it closes the exchange.
+  /// its sequence counts on through wraps of the device's numbers, and the first header is
+  /// `renumbered`. A camera that dies or comes to its end closes the exchange. Throws Failure,
+  /// which names the device, if it cannot start.
   virtual void start(FrameExchange& exchange) = 0;
 
-  /// When it returns nothing of the camera touches the exchange any more, and counts() is final.
-  /// Works on a dead camera too, within a second or so.
+  /// Stops sending. When it returns, nothing of the camera touches the exchange any more, and
+  /// counts() is final. It works on a dead camera too, within a second or so.
   virtual void stop() noexcept = 0;
 
-  /// Starts a frame where the trigger is software. Failure where it is not.
+  /// Starts a frame if the trigger is software. Throws Failure if it is not.
   virtual void trigger() {
     throw Failure(description().append(" takes no software trigger, set trigger = \"software\""));
   }
 
-  /// Why it closed the exchange; empty while it is well, and where it came to its natural end.
+  /// Returns why the camera closed the exchange; empty while it is well, and if it came to its
+  /// natural end.
   virtual std::string failure() const = 0;
 
   virtual FrameCounts counts() const = 0;
 };
 
-/// The camera streams into the exchange as long as this lives.
+/// Lets the camera stream into the exchange as long as this object lives.
 class Streaming {
  public:
   Streaming(Camera& camera, FrameExchange& exchange) : camera_(camera) { camera.start(exchange); }
@@ -91,7 +94,8 @@ class Streaming {
   Camera& camera_;
 };
 
-/// Called once in every thread in which a camera takes frames, before the first: pinning, priority.
+/// Is called once in every thread in which a camera takes frames, before the first frame; it pins
+/// the thread and sets its priority.
 using ThreadStart = std::function<void()>;
 
 }  // namespace curlew

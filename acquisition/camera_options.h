@@ -1,4 +1,5 @@
-// CameraOptions: which camera, and what it shall do. Section [camera] of the configuration.
+// CameraOptions say which camera is used and what it shall do. They are section [camera] of the
+// configuration.
 #pragma once
 
 #include <cstdint>
@@ -15,63 +16,68 @@ enum class Trigger {
   kSoftware,  ///< Camera::trigger() starts a frame
 };
 
-/// What a plain bulk-streaming USB camera sends: frame after frame on one bulk IN endpoint, each
-/// `header_bytes`, then rows × cols pixels, row by row without padding, then `trailer_bytes`.
-/// Frames are told apart by sync where it is given; else every frame, and nothing else, ends with a
-/// short packet (an empty one where its bytes are a multiple of the packet size). A camera with
-/// sync that ends frames with short packets too has them delivered at once; without, a frame is
-/// known to be whole only when the next one begins, so choose transfer_bytes below a frame.
+/// Describes what a plain bulk-streaming USB camera sends: frame after frame on one bulk IN
+/// endpoint. Each is `header_bytes`, then rows × cols pixels, row by row without padding, then
+/// `trailer_bytes`.
+///
+/// If sync is given, frames are told apart by it. Otherwise every frame, and nothing else, ends
+/// with a short packet (an empty one if the frame's bytes are a multiple of the packet size). A
+/// camera with sync may end its frames with short packets too; then they are delivered at once. If
+/// it does not, a frame is known to be whole only when the next one begins, so choose
+/// transfer_bytes below a frame.
 struct UsbLayout {
-  int interface_number = 0;  ///< interface with the bulk IN endpoint
-  int alternate_setting = 0;
-  int endpoint = 0x81;       ///< address of the bulk IN endpoint
-  int rows = 0;              ///< of a frame; must be set
-  int cols = 0;              ///< of a frame; must be set
-  int bits = 16;             ///< 8: a byte a pixel; 10 to 16: two bytes, little endian
-  int header_bytes = 0;      ///< before the pixels of a frame, with sync and frame number
-  int trailer_bytes = 0;     ///< after the pixels of a frame, skipped
-  std::string sync;          ///< hexadecimal, as a55a01ff; what every header begins with
-  int sequence_offset = -1;  ///< of a 32-bit little-endian frame number in the header; −1: counted
-  int transfer_bytes = 1 << 18;  ///< of one transfer; a multiple of the endpoint's packet size
-  int transfers = 16;  ///< under way at once; all together below the kernel's usbfs_memory_mb
+  int interface_number = 0;   ///< interface with the bulk IN endpoint
+  int alternate_setting = 0;  ///< alternate setting of that interface
+  int endpoint = 0x81;        ///< address of the bulk IN endpoint
+  int rows = 0;               ///< rows of a frame; must be set
+  int cols = 0;               ///< columns of a frame; must be set
+  int bits = 16;              ///< of a pixel: 8 is one byte, 10 to 16 are two, little endian
+  int header_bytes = 0;       ///< bytes before the pixels, with sync and frame number
+  int trailer_bytes = 0;      ///< bytes after the pixels, which are skipped
+  std::string sync;           ///< what every header begins with, hexadecimal as a55a01ff
+  /// Place in the header of a 32-bit little-endian frame number; −1 if frames are counted instead.
+  int sequence_offset = -1;
+  int transfer_bytes = 1 << 18;  ///< size of a transfer; a multiple of the endpoint's packet size
+  int transfers = 16;  ///< transfers at once; together they must fit the kernel's usbfs_memory_mb
 };
 
 struct CameraOptions {
-  /// "aravis:ID" (id, address, or nothing: the only camera there is), "usb:VID:PID", "sim:PRESET"
-  /// or "file:REC.fits".
+  /// Names the camera: "aravis:ID" (a device id, an address, or nothing for the only camera there
+  /// is), "usb:VID:PID", "sim:PRESET" or "file:REC.fits".
   std::string source = "aravis:";
 
-  // What a GenICam camera is told; a field left at its default leaves the camera's own value.
-  int x_px = -1;             ///< region: first column
-  int y_px = -1;             ///< region: first row
-  int width_px = 0;          ///< region
-  int height_px = 0;         ///< region
-  std::string pixel_format;  ///< as the camera calls it: Mono8, Mono10p, Mono12, Mono16, …
+  // A GenICam camera is told the following. A field at its default leaves the camera's own value.
+  int x_px = -1;             ///< first column of the region
+  int y_px = -1;             ///< first row of the region
+  int width_px = 0;          ///< columns of the region
+  int height_px = 0;         ///< rows of the region
+  std::string pixel_format;  ///< the camera's own word: Mono8, Mono10p, Mono12, Mono16, …
   double exposure_us = 0.0;
   double gain_db = -1.0;
-  double frame_rate_hz = 0.0;  ///< also the rate of sim: (1000 where 0) and file:
+  double frame_rate_hz = 0.0;  ///< also the rate of sim: and file:, where 0 means 1000 Hz
   Trigger trigger = Trigger::kAsIs;
   std::string trigger_line = "Line0";
-  std::vector<std::pair<std::string, std::string>>
-      features;  ///< any other GenICam feature, set in this order
+  /// Any other GenICam features, name and value, which are set in this order and before the above.
+  std::vector<std::pair<std::string, std::string>> features;
 
-  // GigE Vision.
-  int packet_size_bytes = 0;          ///< 0: negotiated with the camera
-  std::int64_t packet_delay_ns = -1;  ///< between packets; −1 leaves it
+  // A GigE Vision camera takes the following, too.
+  int packet_size_bytes = 0;          ///< 0 if it is negotiated with the camera
+  std::int64_t packet_delay_ns = -1;  ///< delay between packets; −1 leaves it
   int socket_buffer_bytes = 8 << 20;  ///< the kernel's receive buffer, capped by net.core.rmem_max
-  bool packet_resend = false;         ///< late data is useless data
-  /// After the last packet of an incomplete frame; then it is given up.
+  bool packet_resend = false;         ///< whether lost packets are asked for; late data is useless
+  /// An incomplete frame is given up so long after its last packet.
   std::int64_t frame_retention_us = 20000;
 
   int buffers = 6;  ///< frames the camera may be filling, beside those in the pipeline
-  /// Without a frame for so long the camera counts as lost; 0: never; −1: 5 s, and never where the
-  /// trigger is line or software.
+  /// The camera counts as lost after so long without a frame. 0 means never; −1 means 5 s, or never
+  /// if the trigger is line or software.
   double timeout_s = -1.0;
   double max_backoff_s = 5.0;  ///< longest pause between two attempts to connect
   UsbLayout usb;
 };
 
-/// How long a silent camera is waited for: timeout_s, or what it stands for where it is −1.
+/// Returns how long, in s, a silent camera is waited for: timeout_s, or what it stands for if it is
+/// −1. 0 means for ever.
 inline double longest_silence_s(const CameraOptions& options) {
   constexpr double kDefault_s = 5.0;
   if (options.timeout_s >= 0.0) return options.timeout_s;

@@ -1,4 +1,4 @@
-// FrameSource: where frames come from. A recording, the simulator, a camera.
+// A FrameSource gives frames when it is asked for them, as a recording and the simulator do.
 #pragma once
 
 #include <cstdint>
@@ -18,10 +18,10 @@ class FrameSource {
 
   virtual const FrameFormat& format() const = 0;
 
-  /// How many frames there will be; −1 where nobody knows.
+  /// Returns how many frames there will be, −1 if nobody knows.
   virtual std::int64_t frame_count() const = 0;
 
-  /// Fills pixels, header and rows_ready. Throws Failure when the source fails.
+  /// Fills pixels, header and rows_ready of `into`. Throws Failure when the source fails.
   virtual Delivery next(FrameBuffer& into) = 0;
 };
 

@@ -9,7 +9,8 @@ namespace curlew {
 
 std::vector<CameraListing> list_cameras() {
   std::vector<CameraListing> listings = list_aravis_cameras();
-  // Aravis lists the USB3 Vision devices that this user may open, and only those.
+  // Aravis lists only those USB3 Vision devices that this user may open, so the others are added
+  // here.
   for (CameraListing& listing : list_usb_cameras())
     if (listing.source.rfind("usb:", 0) == 0 || !listing.problem.empty())
       listings.push_back(std::move(listing));

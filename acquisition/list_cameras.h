@@ -1,4 +1,4 @@
-// What is attached to this machine.
+// This lists the cameras that are attached to this machine.
 #pragma once
 
 #include <string>
@@ -6,14 +6,14 @@
 
 namespace curlew {
 
-/// One attached device, for `curlew cameras`.
+/// Describes one attached device, for `curlew cameras`.
 struct CameraListing {
-  std::string source;       ///< what --camera takes
+  std::string source;       ///< the word that --camera takes
   std::string description;  ///< vendor, model, serial number, address
-  std::string problem;      ///< why it cannot be opened and what to do; empty where it can
+  std::string problem;      ///< why it cannot be opened and what to do; empty if it can
 };
 
-/// All that is attached, GenICam and plain USB.
+/// Lists all that is attached, GenICam and plain USB.
 std::vector<CameraListing> list_cameras();
 
 }  // namespace curlew

@@ -1,4 +1,4 @@
-// LoopSource: frames in memory, over and over.
+// A LoopSource delivers frames in memory, over and over.
 #pragma once
 
 #include <algorithm>
@@ -16,14 +16,14 @@ class LoopSource final : public FrameSource {
  public:
   using Frames = std::vector<std::shared_ptr<const FrameBuffer>>;
 
-  /// frames: at least one, all of one format. count: how many it delivers; −1: it never ends.
+  /// frames: at least one, all of one format. count: how many it delivers, −1 if it never ends.
   explicit LoopSource(Frames frames, std::int64_t count = -1)
       : frames_(std::move(frames)), count_(count) {}
 
   const FrameFormat& format() const override { return frames_.front()->format(); }
   std::int64_t frame_count() const override { return count_; }
 
-  /// Headers are those of the frames in memory, but for the number and the time of receipt.
+  /// The headers are those of the frames in memory, but for sequence and received.
   Delivery next(FrameBuffer& into) override {
     if (delivered_ == count_) return Delivery::kEnd;
     const FrameBuffer& frame = *frames_[static_cast<std::size_t>(delivered_) % frames_.size()];

@@ -18,7 +18,7 @@ namespace {
   throw UsageError(text);
 }
 
-/// "1AB2" → 0x1ab2.
+/// Reads a hexadecimal id: "1AB2" is 0x1ab2.
 std::uint16_t usb_id(const std::string& word, const std::string& source) {
   unsigned value = 0;
   const char* end = word.data() + word.size();

@@ -1,4 +1,4 @@
-// Opens the camera that a word of the command line or the configuration names.
+// This opens the camera that a word of the command line or the configuration names.
 #pragma once
 
 #include <memory>
@@ -8,12 +8,12 @@
 
 namespace curlew {
 
-/// Opens what options.source names. Failure where it is not there or refuses; UsageError for a
-/// source or a setting that makes no sense.
+/// Opens what options.source names. Throws Failure if it is not there or refuses, and UsageError
+/// for a source or a setting that makes no sense.
 std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadStart& thread_start);
 
-/// Whether the source is a device, which may be plugged in or switched on later, and not a file or
-/// the simulator.
+/// Says whether the source is a device, which may be plugged in or switched on later, and not a
+/// file or the simulator.
 bool comes_and_goes(const CameraOptions& options);
 
 }  // namespace curlew

@@ -68,7 +68,7 @@ class PacedCamera final : public Camera {
   }
 
  private:
-  /// Or until it is stopped.
+  /// Waits until `due`, or until the camera is stopped.
   void wait_until(Clock::time_point due) const {
     constexpr auto kLookUp = std::chrono::milliseconds(50);
     while (!stopping_ && Clock::now() < due)
@@ -87,7 +87,7 @@ class PacedCamera final : public Camera {
         FrameBuffer& into = buffer != nullptr ? *buffer : scratch_;
         if (source_->next(into) == Delivery::kEnd) break;
         wait_until(due);
-        // A rate that cannot be kept is not caught up with in a burst.
+        // If the rate cannot be kept, frames that are late are not caught up with in a burst.
         due = std::max(due + period_, Clock::now() - period_);
         const std::int64_t sequence = next_sequence_++;
         if (buffer == nullptr) {

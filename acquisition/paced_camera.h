@@ -1,4 +1,5 @@
-// PacedCamera: a recording or the simulator that sends frames at its own rate, as a camera does.
+// A PacedCamera is a recording or the simulator that sends frames at its own rate, as a camera
+// does.
 #pragma once
 
 #include <memory>
@@ -10,29 +11,31 @@
 
 namespace curlew {
 
-/// What a PacedCamera says of itself.
+/// Holds what a PacedCamera says of itself.
 struct PacedCameraNature {
   std::string description;
   Optics optics;
   Detector detector;
 };
 
-/// Sends the frames of the source at rate_hz and does not wait for anybody: where no buffer is
-/// free the frame is lost, and counted. Frame numbers count from 0. Closes the exchange after the
-/// last frame.
+/// Makes a camera that sends the frames of the source at rate_hz and waits for nobody: if no buffer
+/// is free, the frame is lost and counted. Frame numbers count from 0. The camera closes the
+/// exchange after the last frame. rate_hz 0 means 1000 Hz.
 std::unique_ptr<Camera> make_paced_camera(std::unique_ptr<FrameSource> source, double rate_hz,
                                           PacedCameraNature nature, ThreadStart thread_start);
 
-/// The recording, once. rate_hz 0: 1000 Hz.
+/// Opens a recording as a camera that sends it once. rate_hz 0 means 1000 Hz. Throws what
+/// FitsSource throws.
 std::unique_ptr<Camera> open_file_camera(const std::string& path, double rate_hz,
                                          const ThreadStart& thread_start);
 
-/// Simulated frames of a preset, drawn beforehand and sent over and over, without end. rate_hz 0:
-/// 1000 Hz.
+/// Opens a camera of simulated frames of a preset, which are drawn beforehand and sent over and
+/// over, without end. rate_hz 0 means 1000 Hz. Throws UsageError for an unknown preset.
 std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, double rate_hz,
                                               const ThreadStart& thread_start);
 
-/// The options open_simulated_camera() simulates a preset with: 16×16 lenslets, seed 1.
+/// Returns the options with which open_simulated_camera() simulates a preset: 16×16 lenslets, seed
+/// 1.
 SimulatorOptions simulated_camera_options(const std::string& preset);
 
 }  // namespace curlew

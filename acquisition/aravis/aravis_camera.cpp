@@ -17,7 +17,8 @@
 namespace curlew {
 namespace {
 
-/// What Aravis' own threads may touch when the camera is lost, as long as they may come.
+/// Holds all that Aravis' own threads touch when the camera is lost. It lives as long as they may
+/// come, which may be longer than the camera does.
 class Link {
  public:
   explicit Link(std::string camera_name) : camera_name_(std::move(camera_name)) {}
@@ -68,7 +69,7 @@ class AravisCamera final : public Camera {
   const CameraOptions options_;
   CameraPtr camera_;
   const bool gige_;
-  const std::string address_;  // of a GigE Vision camera
+  const std::string address_;  // IPv4 address of a GigE Vision camera; empty for others
   const std::string description_;
   std::vector<std::string> setting_notes_;
   FrameFormat format_;
@@ -76,10 +77,10 @@ class AravisCamera final : public Camera {
   std::shared_ptr<Link> link_;
   std::shared_ptr<AravisReceiver> receiver_;
   gulong lost_handler_ = 0;
-  GObjectPtr<ArvStream> stream_;  // while it runs
+  GObjectPtr<ArvStream> stream_;  // the stream while the camera runs
   FrameExchange* exchange_ = nullptr;
   mutable std::mutex notes_mutex_;
-  int receive_buffer_bytes_ = 0;  // of the stream's socket, once there was one
+  int receive_buffer_bytes_ = 0;  // size for the stream's socket; 0 before there was one
 };
 
 AravisCamera::AravisCamera(CameraPtr camera, CameraOptions options, const ThreadStart& thread_start)
@@ -103,11 +104,11 @@ AravisCamera::AravisCamera(CameraPtr camera, CameraOptions options, const Thread
                                                static_cast<std::size_t>(options_.buffers), gige_,
                                                thread_start);
   if (gige_) {
-    // Packets by the plain socket: the packet socket hands them over 5 ms late.
+    // Packets shall come by the plain socket, because the packet socket hands them over 5 ms late.
     arv_camera_gv_set_stream_options(device_camera, ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
     arv_camera_gv_set_packet_size_adjustment(device_camera, ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER);
   } else if (arv_camera_is_uv_device(device_camera)) {
-    // The asynchronous mode calls back for no frame and spins where it has no buffer.
+    // The asynchronous mode calls back for no frame and spins while it has no buffer.
     arv_camera_uv_set_usb_mode(device_camera, ARV_UV_USB_MODE_SYNC);
   }
   const auto lose = +[](ArvDevice*, std::shared_ptr<Link>* link) { (*link)->lose(); };
@@ -154,7 +155,8 @@ GObjectPtr<ArvStream> AravisCamera::make_stream() {
                options_.packet_resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS
                                       : ARV_GV_STREAM_PACKET_RESEND_NEVER,
                "frame-retention", static_cast<guint>(options_.frame_retention_us), nullptr);
-  // Aravis sets the buffer after the first packet: too late for the rest of the first frame.
+  // Aravis sets the buffer after the first packet, which is too late for the rest of the first
+  // frame.
   const int bytes = set_receive_buffer(arv_gv_stream_get_port(ARV_GV_STREAM(stream.get())),
                                        options_.socket_buffer_bytes);
   const std::lock_guard lock(notes_mutex_);
@@ -191,7 +193,8 @@ void AravisCamera::stop() noexcept {
   if (alive) {
     stream_.reset();
   } else {
-    // Aravis ends the stream's thread and then waits seconds for the camera's answer.
+    // Aravis ends the stream's thread and then waits seconds for the camera's answer, so this is
+    // left to another thread.
     std::thread([receiver = receiver_, stream = stream_.release()] {
       if (stream != nullptr) g_object_unref(stream);
     }).detach();

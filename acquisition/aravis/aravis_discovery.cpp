@@ -19,7 +19,7 @@ constexpr const char* kRemedy =
     "the subnet of the network interface it is on, a USB3 Vision camera a udev rule that lets this "
     "user open it";
 
-/// Aravis complains on the terminal by itself; our sentences say the same.
+/// Silences Aravis, which complains on the terminal by itself; our sentences say the same.
 void silence_aravis() {
   static std::once_flag once;
   std::call_once(once, [] {
@@ -27,8 +27,8 @@ void silence_aravis() {
   });
 }
 
-/// Aravis would open a USB camera that has been unplugged, and complain on the terminal. Looking
-/// anew costs milliseconds on USB; on the network it would cost a second.
+/// Makes Aravis forget USB cameras that have been unplugged. It would open one, and complain on the
+/// terminal. To look anew costs milliseconds on USB; on the network it would cost a second.
 void forget_unplugged() {
 #if ARAVIS_HAS_USB
   arv_interface_update_device_list(ARV_INTERFACE(arv_uv_interface_get_instance()));
@@ -83,8 +83,8 @@ void ReleaseCamera::operator()(ArvCamera* camera) const noexcept {
     return;
   }
   std::thread([camera] {
-    // The thread that reports the loss drops its own reference first: Aravis would make it wait
-    // for itself.
+    // The thread that reports the loss must drop its own reference first; otherwise Aravis would
+    // make it wait for itself.
     std::this_thread::sleep_for(std::chrono::milliseconds(200));
     g_object_unref(camera);
   }).detach();
@@ -124,7 +124,8 @@ std::string describe(ArvCamera* camera) {
   const auto text = [&](auto* read) {
     AravisError error;
     std::string answer = text_or_empty(read(camera, error.out()));
-    // Each would take seconds to fail; a camera may also just not have it.
+    // If the camera is gone, each of these calls takes seconds to fail. An error alone may only
+    // mean that the camera does not have the text.
     if (error && !address.empty() && !gige_device_answers(address))
       throw Failure(fmt::format("aravis:{} stopped answering while it was opened", address));
     return answer;

@@ -1,4 +1,4 @@
-// Ownership of Aravis' objects and errors. Included by acquisition/aravis_*.cpp only.
+// These types own Aravis' objects and errors. Only files in acquisition/aravis/ include this one.
 #pragma once
 
 #include <arv.h>
@@ -17,11 +17,11 @@ using GObjectPtr = std::unique_ptr<Object, GObjectUnref>;
 struct GFree {
   void operator()(gpointer memory) const noexcept { g_free(memory); }
 };
-/// An array whose elements belong to somebody else.
+/// Owns an array, but not what its elements point to.
 template <typename Element>
 using GArrayPtr = std::unique_ptr<Element[], GFree>;
 
-/// Where Aravis puts its error: pass out(), then ask.
+/// Holds an error of Aravis: pass out() to a call, then ask.
 class AravisError {
  public:
   AravisError() = default;
@@ -40,7 +40,7 @@ class AravisError {
   GError* error_ = nullptr;
 };
 
-/// Aravis returns null for a text it does not have.
+/// Turns the null that Aravis returns for a text it does not have into an empty text.
 inline std::string text_or_empty(const char* text) { return text != nullptr ? text : ""; }
 
 }  // namespace curlew

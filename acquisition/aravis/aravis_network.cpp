@@ -37,9 +37,9 @@ bool gige_device_answers(const std::string& address) {
   const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   if (fd < 0) return false;
   bool answered = false;
-  // Connected, so that "port unreachable" is heard at once.
+  // The socket is connected so that "port unreachable" is heard at once.
   if (connect(fd, reinterpret_cast<const sockaddr*>(&device), sizeof device) == 0) {
-    // Key, "answer me", the discovery command, no data, request 1.
+    // These are the key, the flag "answer me", the discovery command, no data, and request 1.
     constexpr std::array<std::uint8_t, 8> discovery{0x42, 0x01, 0x00, 0x02, 0x00, 0x00, 0x00, 0x01};
     std::array<std::uint8_t, 576> answer{};
     for (int attempt = 0; attempt < 3 && !answered; ++attempt) {
@@ -63,7 +63,7 @@ int set_receive_buffer(int port, int bytes) {
     std::from_chars(name.data(), name.data() + name.size(), fd);
     if (fd < 0 || !is_udp_on_port(fd, port)) continue;
     setsockopt(fd, SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes);
-    int doubled = 0;  // the kernel counts its own overhead in
+    int doubled = 0;  // The kernel counts its own overhead in.
     socklen_t length = sizeof doubled;
     getsockopt(fd, SOL_SOCKET, SO_RCVBUF, &doubled, &length);
     return doubled / 2;

@@ -1,16 +1,16 @@
-// What Aravis does not tell about a GigE Vision camera's network.
+// This tells what Aravis does not tell about a GigE Vision camera's network.
 #pragma once
 
 #include <string>
 
 namespace curlew {
 
-/// Whether the device at an IPv4 address answers GigE Vision's discovery. Waits at most 0.3 s,
-/// where Aravis' own commands wait 2.5 s each.
+/// Says whether the device at an IPv4 address answers GigE Vision's discovery. It waits at most 0.3
+/// s, whereas Aravis' own commands wait 2.5 s each.
 bool gige_device_answers(const std::string& address);
 
 /// Sets the kernel's receive buffer of this process' UDP socket bound to `port` and returns what it
-/// really got, in bytes; 0 where there is no such socket.
+/// really got, in bytes; 0 if there is no such socket.
 int set_receive_buffer(int port, int bytes);
 
 }  // namespace curlew

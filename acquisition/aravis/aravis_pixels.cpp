@@ -19,7 +19,7 @@ constexpr std::array<PixelCoding, 9> kCodings{{
 
 std::uint16_t u16(unsigned value) { return static_cast<std::uint16_t>(value); }
 
-/// The last pixels of a bit stream, which do not fill a group.
+/// Unpacks the last pixels of a bit stream, which do not fill a group.
 void unpack_bits(int bits, const std::uint8_t* from, std::size_t pixels, std::uint16_t* to) {
   unsigned pool = 0;
   int held = 0;
@@ -51,7 +51,8 @@ void unpack_12p(const std::uint8_t* from, std::size_t pixels, std::uint16_t* to)
   unpack_bits(12, from, pixels - i, to + i);
 }
 
-/// The middle byte holds the low bits of both pixels, the first one's in its lower half.
+/// Unpacks two pixels from three bytes. The middle byte holds the low bits of both, those of the
+/// first pixel in its lower half.
 template <unsigned kLowBits>
 void unpack_gige(const std::uint8_t* from, std::size_t pixels, std::uint16_t* to) {
   constexpr unsigned mask = (1U << kLowBits) - 1;

@@ -11,8 +11,8 @@
 namespace curlew {
 namespace {
 
-// Aravis sets a buffer's number when the frame's first packet arrives. Where that one is lost the
-// number of the frame before would stay, so it is overwritten in advance.
+// Aravis sets a buffer's number when the frame's first packet arrives. If that packet is lost, the
+// number of the frame before would stay, so it is overwritten in advance by this one.
 constexpr std::uint64_t kNoNumber = std::numeric_limits<std::uint64_t>::max();
 
 constexpr int kFramesToWatch = 20;
@@ -95,7 +95,7 @@ void AravisReceiver::on_stream_event(void* receiver, ArvStreamCallbackType event
 void AravisReceiver::take_done(ArvStream* stream, ArvBuffer* buffer) noexcept {
   const auto received = std::chrono::steady_clock::now();
   auto& slot = *static_cast<Slot*>(const_cast<void*>(arv_buffer_get_user_data(buffer)));
-  g_object_unref(buffer);  // the stream's reference; the slot has its own
+  g_object_unref(buffer);  // This was the stream's reference; the slot has its own.
   slot.in_stream = false;
   --in_stream_;
 
@@ -122,7 +122,7 @@ void AravisReceiver::take_done(ArvStream* stream, ArvBuffer* buffer) noexcept {
     if (slot.frame == nullptr) recycle(stream, slot);
   } else {
     gap_ = true;
-    if (cause == kDelivered) {  // whole, but nowhere to put it
+    if (cause == kDelivered) {  // It is whole, but no buffer is free for it.
       cause = kLost;
       count(kNoBuffer);
     }
@@ -154,7 +154,8 @@ void AravisReceiver::number(ArvStream* stream, std::uint64_t id, FrameHeader& he
   if (arrival.lost == 0) return;
   gap_ = true;
   count(kLost, arrival.lost);
-  // Aravis counts the packets it had no buffer for, so it tells whether, not how many.
+  // Aravis counts the packets that found no buffer, so it tells whether frames were lost for want
+  // of one, and not how many.
   guint64 underruns = 0;
   arv_stream_get_statistics(stream, nullptr, nullptr, &underruns);
   if (underruns != underruns_) count(kNoBuffer, arrival.lost);
@@ -243,7 +244,7 @@ void AravisReceiver::push_frame(ArvStream* stream, FrameBuffer* frame) noexcept 
   }
   const auto is_its = [&](const auto& slot) { return slot->frame == frame; };
   auto slot = std::find_if(slots_.begin(), slots_.end(), is_its);
-  if (slot == slots_.end()) {  // once for every buffer
+  if (slot == slots_.end()) {  // This happens once for every buffer.
     slots_.push_back(std::make_unique<Slot>());
     slot = std::prev(slots_.end());
     (*slot)->frame = frame;
@@ -262,7 +263,7 @@ AravisReceiver::Cause AravisReceiver::cause_of(ArvBufferStatus status) noexcept 
       return kTimedOut;
     case ARV_BUFFER_STATUS_ABORTED:
       return kAborted;
-    case ARV_BUFFER_STATUS_WRONG_PACKET_ID:  // more packets than the payload has
+    case ARV_BUFFER_STATUS_WRONG_PACKET_ID:  // It had more packets than the payload.
     case ARV_BUFFER_STATUS_SIZE_MISMATCH:
       return kWrongSize;
     default:

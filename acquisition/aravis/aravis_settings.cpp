@@ -36,7 +36,7 @@ std::optional<Number> parse(const std::string& text) {
   return error == std::errc{} && rest == end ? std::optional(number) : std::nullopt;
 }
 
-/// Sets values one after the other; each is called by its configuration key in errors and notes.
+/// Sets values one after the other. Errors and notes call each by its configuration key.
 class Settings {
  public:
   Settings(ArvCamera* camera, std::string camera_name)
@@ -54,7 +54,7 @@ class Settings {
   std::vector<std::string> notes;
 
  private:
-  /// A call of Aravis' that reports by its last argument.
+  /// Makes a call of Aravis that reports errors by its last argument. Throws Failure if it does.
   template <typename Call, typename... Arguments>
   auto ask(const std::string& key, Call* call, Arguments... arguments) {
     AravisError error;
@@ -137,7 +137,7 @@ void Settings::set_feature(const std::string& feature, const std::string& value)
   if (!has(name)) wrong(key, "does not have this feature available now");
   if (arv_device_get_feature_access_mode(device_, name) == ARV_GC_ACCESS_MODE_RO)
     wrong(key, "lets this feature be read only");
-  // An enumeration and a boolean are integers too, so they come first.
+  // An enumeration and a boolean are integers too, so they are looked for first.
   if (ARV_IS_GC_COMMAND(node)) {
     ask(key, arv_camera_execute_command, name);
   } else if (ARV_IS_GC_ENUMERATION(node)) {
@@ -172,7 +172,8 @@ void Settings::set_pixel_format(const std::string& format) {
 }
 
 void Settings::set_region(const CameraOptions& options) {
-  // Offsets bound the size and the size bounds the offsets: offsets to 0, then sizes, then offsets.
+  // The offset bounds the size and the size bounds the offset. Therefore the offset becomes 0, then
+  // the size is set, and then the offset.
   const auto set_axis = [&](const char* size_key, int size, const char* size_feature,
                             const char* offset_key, int offset, const char* offset_feature) {
     if (size <= 0 && offset < 0) return;
@@ -284,12 +285,12 @@ std::vector<std::string> apply_settings(ArvCamera* camera, const std::string& ca
   for (const auto& [feature, value] : options.features) settings.set_feature(feature, value);
   settings.set_pixel_format(options.pixel_format);
   settings.set_region(options);
-  settings.set_frame_rate(options.frame_rate_hz);  // Aravis clears triggers here
+  settings.set_frame_rate(options.frame_rate_hz);  // Aravis clears triggers here.
   settings.set_exposure(options.exposure_us);
   settings.set_gain(options.gain_db);
   settings.set_trigger(options.trigger, options.trigger_line);
   settings.set_packets(options);
-  // A camera left in single-frame mode by another program would send just one.
+  // A camera that another program left in single-frame mode would send just one frame.
   AravisError error;
   arv_camera_set_acquisition_mode(camera, ARV_ACQUISITION_MODE_CONTINUOUS, error.out());
   return std::move(settings.notes);
@@ -335,7 +336,7 @@ FrameFormat read_frame_format(ArvCamera* camera, const std::string& camera_name,
   format.cols = cols;
   format.pixel_type = coding.type();
   format.binning = binning_x > 0 ? binning_x : 1;
-  format.offset_x_px = x * format.binning;  // GenICam counts binned pixels
+  format.offset_x_px = x * format.binning;  // GenICam counts binned pixels.
   format.offset_y_px = y * format.binning;
   return format;
 }

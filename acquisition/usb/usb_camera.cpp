@@ -27,7 +27,7 @@ constexpr auto kLongestDrain = std::chrono::seconds(1);
 
 UsbFrameAssembler::Arrival now() { return {steady_clock::now(), utc_now_ns()}; }
 
-/// Why a transfer came back without success.
+/// Returns why a transfer came back without success.
 const char* transfer_failure(libusb_transfer_status status) {
   switch (status) {
     case LIBUSB_TRANSFER_NO_DEVICE:
@@ -75,14 +75,14 @@ class UsbCamera final : public Camera {
   void stream() noexcept;
   void drain() noexcept;
 
-  std::string name_;  ///< as --camera has it
+  std::string name_;  ///< the word that --camera takes
   UsbLayout layout_;
   FrameFormat format_;
   ThreadStart thread_start_;
   std::string description_;
   std::vector<std::string> notes_;
 
-  // Closed in the opposite order: transfers, then the device, then libusb.
+  // These are closed in the opposite order: transfers, then the device, then libusb.
   UsbContext usb_ = open_usb();
   UsbHandle handle_;
   std::vector<std::byte> memory_;
@@ -90,9 +90,9 @@ class UsbCamera final : public Camera {
 
   FrameExchange* exchange_ = nullptr;
   std::optional<UsbFrameAssembler> assembler_;
-  int under_way_ = 0;                  ///< transfers; start()'s, then the thread's
+  int under_way_ = 0;  ///< transfers under way; start() counts them, then the thread does
   std::atomic<bool> stopping_{false};  ///< stop() was called
-  bool failed_ = false;                ///< the thread's: what still comes back is the last
+  bool failed_ = false;  ///< the thread's own: transfers that come back are not sent again
   std::thread thread_;
   mutable std::mutex failure_mutex_;
   std::string failure_;
@@ -136,7 +136,8 @@ libusb_device* UsbCamera::find(std::uint16_t vendor_id, std::uint16_t product_id
   return found;
 }
 
-/// Returns how many alternate settings its interface has.
+/// Returns how many alternate settings the interface has. Throws if the layout does not fit the
+/// device.
 int UsbCamera::check_endpoint(libusb_device* device) const {
   const UsbConfig config = active_config(device);
   if (!config) throw Failure(name_ + ": its descriptors cannot be read; plug it in again");
@@ -171,7 +172,8 @@ int UsbCamera::check_endpoint(libusb_device* device) const {
 }
 
 void UsbCamera::claim(bool choose_setting) {
-  libusb_set_auto_detach_kernel_driver(handle_.get(), 1);  // where the system knows how
+  libusb_set_auto_detach_kernel_driver(handle_.get(),
+                                       1);  // Not every system can do this.
   int error = libusb_claim_interface(handle_.get(), layout_.interface_number);
   if (error == LIBUSB_ERROR_BUSY) {
     throw Failure(fmt::format("{}: interface {} is in use by another program; end that first",
@@ -234,7 +236,7 @@ int UsbCamera::submit(libusb_transfer* transfer) noexcept {
   return error;
 }
 
-/// A transfer has come back: in the camera's thread, in the order of the bytes.
+/// Takes in a transfer that has come back: in the camera's thread, in the order of the bytes.
 void UsbCamera::take(libusb_transfer& transfer) noexcept {
   --under_way_;
   if (stopping_) return;
@@ -269,7 +271,8 @@ void UsbCamera::stream() noexcept {
   if (failed_) exchange_->close();
 }
 
-/// Takes back every transfer. One that does not come back goes with the device.
+/// Cancels all transfers and waits until they have come back. If one does not, the device is
+/// closed.
 void UsbCamera::drain() noexcept {
   for (const UsbTransfer& transfer : ring_) {
     if (transfer) libusb_cancel_transfer(transfer.get());

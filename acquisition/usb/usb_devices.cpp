@@ -36,7 +36,7 @@ Kind kind_of(libusb_device* device) {
     for (const auto& setting : settings(interface)) {
       if (setting.bInterfaceClass == LIBUSB_CLASS_MISCELLANEOUS &&
           setting.bInterfaceSubClass == 5 && setting.bInterfaceProtocol == 0) {
-        return Kind::kUsb3Vision;  // its control interface; the device class is EF/02/01
+        return Kind::kUsb3Vision;  // This is its control interface; the device class is EF/02/01.
       }
       if (setting.bInterfaceClass != LIBUSB_CLASS_VENDOR_SPEC) continue;
       for (const auto& endpoint : endpoints(setting)) {
@@ -47,7 +47,7 @@ Kind kind_of(libusb_device* device) {
   return kind;
 }
 
-/// What the kernel read from the device when it was plugged in: no permission needed.
+/// Returns what the kernel read from the device when it was plugged in; this needs no permission.
 std::string kernel_text(libusb_device* device, const std::string& attribute) {
   std::array<std::uint8_t, 8> ports{};
   const int depth = libusb_get_port_numbers(device, ports.data(), int{ports.size()});
@@ -67,7 +67,7 @@ std::string ids_of(libusb_device* device) {
   return fmt::format("{:04x}:{:04x}", about.idVendor, about.idProduct);
 }
 
-/// Empty where this user can open it.
+/// Returns why this user cannot open it; empty if that is possible.
 std::string problem_of(libusb_device* device) {
   libusb_device_handle* handle = nullptr;
   const int error = libusb_open(device, &handle);

@@ -46,8 +46,8 @@ std::vector<std::byte> sync_bytes(const std::string& text) {
   return bytes;
 }
 
-/// shorter[n]: having matched n bytes of sync and then not the next, so many of them are also the
-/// beginning of sync.
+/// Returns a list whose element n says: if n bytes of sync matched and the next did not, so many of
+/// the last bytes are the beginning of sync again.
 std::vector<std::size_t> shorter_matches(const std::vector<std::byte>& sync) {
   std::vector<std::size_t> shorter(sync.size() + 1, 0);
   for (std::size_t n = 1, match = 0; n < sync.size(); ++n) {
@@ -142,9 +142,9 @@ FrameCounts UsbFrameAssembler::counts() const noexcept {
   return counts;
 }
 
-/// After a short packet inside a frame either the frame goes on or a new one begins. True: all
-/// bytes looked at belong to a sync, as far as they go. False: the frame goes on, first with the
-/// bytes withheld.
+/// Decides whether a frame goes on after a short packet or a new one begins. True means that all
+/// bytes looked at belong to a sync, as far as they go. False means that the frame goes on, first
+/// with the bytes withheld.
 bool UsbFrameAssembler::could_be_restart(Bytes& bytes) noexcept {
   const std::size_t n = std::min(bytes.size(), sync_.size() - withheld_);
   if (!std::equal(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(n),
@@ -186,7 +186,7 @@ void UsbFrameAssembler::consume(Bytes bytes) noexcept {
   }
 }
 
-/// Looks for sync: right here where a frame has just ended, anywhere otherwise.
+/// Looks for sync: right here if a frame has just ended, anywhere otherwise.
 UsbFrameAssembler::Bytes UsbFrameAssembler::match_sync(Bytes bytes) noexcept {
   for (std::size_t i = 0; i < bytes.size(); ++i) {
     ++unframed_;
@@ -242,7 +242,7 @@ void UsbFrameAssembler::packet_was_short() noexcept {
     case State::kSearching:
       break;
     case State::kBetween:
-      // With bytes of the next sync already here the packet tells nothing of the frame before.
+      // If bytes of the next sync are already here, the packet tells nothing of the frame before.
       if (full_ && matched_ == 0) {
         finish(Outcome::kWhole);
         full_ = false;
@@ -296,8 +296,9 @@ void UsbFrameAssembler::finish(Outcome outcome) noexcept {
   }
 }
 
-/// Gives the frame its sequence and counts what is missing before it. False: the frame has none,
-/// and is not counted here; where frames are numbered it will be missing before the next one.
+/// Gives the frame its sequence and counts what is missing before it. False means that the frame
+/// gets none and is not counted here; if frames are numbered, it will be missing before the next
+/// one.
 bool UsbFrameAssembler::account(bool whole) noexcept {
   if (!started_ && (!whole || buffer_ == nullptr)) return false;
   std::uint32_t number = 0;
@@ -306,13 +307,13 @@ bool UsbFrameAssembler::account(bool whole) noexcept {
     if (position_ < header_.size()) return false;
     std::memcpy(&number, header_.data() + sequence_offset_, sizeof number);
     leap = number - number_;
-    if (started_ && !whole && leap != 1) return false;  // a damaged frame's number proves nothing
+    if (started_ && !whole && leap != 1) return false;  // A damaged frame's number proves nothing.
     if (started_ && (leap == 0 || leap > kLongestLeap)) {
       const bool anew = doubtful_ && number == doubt_ + 1;
       doubtful_ = !anew;
       doubt_ = number;
       if (!anew) return false;
-      add(counts_.other);  // the frame in doubt
+      add(counts_.other);  // This counts the frame in doubt.
       ++sequence_;
       leap = 1;
       renumbered_ = true;

@@ -1,4 +1,5 @@
-// What libusb hands out, given back by itself. Only acquisition/usb_*.cpp include this.
+// These types give back by themselves what libusb hands out. Only files in acquisition/usb/ include
+// this one.
 #pragma once
 
 #include <libusb.h>
@@ -29,7 +30,8 @@ using UsbHandle = std::unique_ptr<libusb_device_handle, UsbClose>;
 using UsbConfig = std::unique_ptr<libusb_config_descriptor, UsbFreeConfig>;
 using UsbTransfer = std::unique_ptr<libusb_transfer, UsbFreeTransfer>;
 
-/// Each user of libusb has a context of its own. Works where there is no USB at all.
+/// Opens libusb. Each user of it has a context of its own. It works even if there is no USB at all.
+/// Throws Failure if libusb cannot be used.
 inline UsbContext open_usb() {
   libusb_context* context = nullptr;
   if (const int error = libusb_init(&context); error != LIBUSB_SUCCESS) {
@@ -40,7 +42,7 @@ inline UsbContext open_usb() {
   return UsbContext(context);
 }
 
-/// The devices attached now; pointers are valid as long as the list.
+/// Lists the devices attached now; its pointers are valid as long as the list.
 class UsbDeviceList {
  public:
   explicit UsbDeviceList(libusb_context* context)
@@ -59,7 +61,7 @@ class UsbDeviceList {
   std::ptrdiff_t count_ = 0;
 };
 
-/// The configuration in use; empty where it cannot be read.
+/// Returns the configuration in use, or else the first one; empty if none can be read.
 inline UsbConfig active_config(libusb_device* device) {
   libusb_config_descriptor* config = nullptr;
   if (libusb_get_active_config_descriptor(device, &config) != LIBUSB_SUCCESS &&
@@ -71,13 +73,14 @@ inline UsbConfig active_config(libusb_device* device) {
 
 bool is_bulk_in(const libusb_endpoint_descriptor& endpoint);
 
-/// "Vendor Product serial number S (1a2b:3c4d, bus 1 device 5)", as far as the kernel knows.
+/// Returns "Vendor Product serial number S (1a2b:3c4d, bus 1 device 5)", as far as the kernel
+/// knows.
 std::string usb_description(libusb_device* device);
 
-/// Why a device could not be opened, and what to do: "/dev/bus/usb/001/005 may not be …".
+/// Returns why a device could not be opened, and what to do: "/dev/bus/usb/001/005 may not be …".
 std::string usb_open_problem(libusb_device* device, int error);
 
-/// Why the kernel had no memory for the transfers of this layout, and what to do.
+/// Returns why the kernel had no memory for the transfers of this layout, and what to do.
 std::string usb_memory_advice(const UsbLayout& layout);
 
 }  // namespace curlew

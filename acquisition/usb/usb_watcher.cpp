@@ -15,7 +15,7 @@ struct UsbWatcher::State {
                                  void* user) {
     static_cast<State*>(user)->report(
         event == LIBUSB_HOTPLUG_EVENT_DEVICE_ARRIVED ? UsbChange::kArrived : UsbChange::kLeft);
-    return 0;  // stay registered
+    return 0;  // The callback stays registered.
   }
 
   void watch() const {

@@ -1,4 +1,4 @@
-// UsbWatcher: notices at once when a USB device comes or goes.
+// A UsbWatcher notices at once when a USB device comes or goes.
 #pragma once
 
 #include <functional>
@@ -8,16 +8,16 @@ namespace curlew {
 
 enum class UsbChange { kArrived, kLeft };
 
-/// Calls `changed` from a thread of its own for every USB device that comes or goes after this was
-/// made, cameras or not: it is a reason to look again, no more. `changed` must be short and must
-/// not throw. Works where there is no USB, and then never calls.
+/// Calls `changed` from a thread of its own for every USB device that comes or goes after the
+/// watcher was made, camera or not: it is a reason to look again, no more. `changed` must be short
+/// and must not throw. The watcher works even if there is no USB, and then never calls.
 class UsbWatcher {
  public:
-  /// Failure where libusb cannot be used.
+  /// Throws Failure if libusb cannot be used.
   explicit UsbWatcher(std::function<void(UsbChange)> changed);
-  ~UsbWatcher();  ///< returns when no call is under way and none will come
+  ~UsbWatcher();  ///< Returns when no call is under way and none will come.
 
-  /// False where this system cannot tell: then the caller has to look from time to time.
+  /// Returns false if this system cannot tell; then the caller has to look from time to time.
   bool notices() const;
 
  private:
