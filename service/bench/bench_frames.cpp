@@ -10,7 +10,7 @@ namespace curlew {
 
 namespace {
 
-/// The gradient of a few plane waves of phase, at most 1 along each axis.
+/// The gradient of a few plane waves of phase, which is at most 1 along each axis.
 class SmoothWavefront {
  public:
   SmoothWavefront(const BenchCase& which, std::mt19937_64& random) {

@@ -13,14 +13,14 @@
 namespace curlew {
 namespace {
 
-/// What one detector makes of one subset, by frame.
+/// What one detector makes of one subset, frame by frame.
 struct Judged {
   explicit Judged(std::size_t frames) : verdicts(frames), finding_us(frames) {}
   std::vector<FrameVerdicts> verdicts;
   std::vector<double> finding_us;
 };
 
-/// measuring_us: [frames], overwritten.
+/// Judges all detectors on the fields of one subset. measuring_us: [frames], overwritten.
 std::vector<Judged> judge(const MeasurementPlan& plan, const std::vector<DetectorRow>& rows,
                           const BenchmarkFields& fields, int threads,
                           std::vector<double>& measuring_us) {

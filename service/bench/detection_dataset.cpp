@@ -22,7 +22,8 @@ constexpr std::uint64_t kFirstTrainingSeed = 1'000'000;
 constexpr std::uint64_t kFirstValidationSeed = 2'000'000;
 constexpr std::uint64_t kFirstTestSeed = 3'000'000;
 
-/// Of the files' layout and of what the parameters do not say, such as the path's screens.
+/// This is the version of the files' layout, and of what the parameters do not say, such as the
+/// path's screens.
 constexpr int kCacheVersion = 1;
 
 }  // namespace
@@ -62,7 +63,7 @@ Realisation simulate_realisation(const FieldParameters& parameters, std::uint64_
 }
 
 RealisationCost realisation_cost(const FieldParameters& parameters) {
-  constexpr double kSecondsPerPoint = 9e-8;  // and screen: measured
+  constexpr double kSecondsPerPoint = 9e-8;  // measured, for each point and screen
   constexpr double kSecondsPerLenslet = 5e-5;
   const SimulatorOptions options = simulator_options(parameters, 0);
   const PropagationGrid grid = propagation_grid(options);
@@ -145,7 +146,7 @@ Realisation RealisationCache::read_or_simulate(const FieldParameters& parameters
 }
 
 std::string default_realisation_folder() {
-  // Nothing here sets the environment, so reading it is safe.
+  // Nothing in this program sets the environment, so reading it is safe.
   const char* cache = std::getenv("XDG_CACHE_HOME");  // NOLINT(concurrency-mt-unsafe)
   if (cache != nullptr && *cache != '\0') return std::string(cache) + "/curlew/detection";
   const char* home = std::getenv("HOME");  // NOLINT(concurrency-mt-unsafe)

@@ -19,9 +19,10 @@ constexpr double kBiasAdu = 100.0;
 constexpr double kSaturationAdu = 65535.0;
 constexpr double kNoiseFreePeakAdu = 60000.0;
 constexpr double kGainTilt = 0.25;                // rad a pitch
-constexpr std::uint64_t kFadingStream = 0xfaded;  // not one of the fluxes'
+constexpr std::uint64_t kFadingStream = 0xfaded;  // number of a random stream that no flux has
 
-/// A pixel of the noisiest lenslet holds less than 13 times what a lenslet of amplitude 1 gathers.
+/// Chooses the gain. With 2e-4·photons electrons an ADU, 16 bits hold 13 times what a lenslet of
+/// amplitude 1 gathers, and no pixel gets as much.
 double choose_e_per_adu(double photons, double read_noise_e) {
   const double fine = read_noise_e > 0.0 ? 0.25 * read_noise_e : 0.25;
   return std::max(fine, 2e-4 * photons);
@@ -39,7 +40,7 @@ const FieldParameters& checked(const FieldParameters& parameters,
   return parameters;
 }
 
-/// Takes the lenslets outside the pupil away.
+/// Takes the lenslets outside the pupil from the sensor.
 void cover(Sensor& sensor, const Image<std::uint8_t>& pupil) {
   for (std::size_t k = 0; k < pupil.size(); ++k) {
     if (pupil[k] != 0) continue;
@@ -49,7 +50,7 @@ void cover(Sensor& sensor, const Image<std::uint8_t>& pupil) {
   }
 }
 
-/// The light that is left where lenslets are outside the pupil or have faded.
+/// Returns the light without that of lenslets outside the pupil or faded.
 Image<float> shade(const MeasurementPlan& plan, const Image<float>& light, std::uint64_t seed) {
   Image<float> left = light;
   const int window = plan.parameters().window_px;
@@ -66,7 +67,7 @@ Image<float> shade(const MeasurementPlan& plan, const Image<float>& light, std::
   return left;
 }
 
-/// 1 where a lenslet lies in the pupil, [rows, cols].
+/// Returns a mask, [rows, cols], that is 1 where a lenslet lies in the pupil.
 Image<std::uint8_t> pupil_mask(PupilShape shape, int rows, int cols) {
   SimulatorOptions simulated;
   simulated.rows = rows;
@@ -110,7 +111,7 @@ double MeasurementPlan::flux_unit_adu() const {
 Sensor MeasurementPlan::make_sensor(double gain) const {
   const auto& p = parameters_;
   Sensor sensor = tiled_sensor({p.rows, p.cols, p.window_px});
-  // One pixel is 2π/samples_per_lambda_w rad a pitch; only the ratio of these lengths counts.
+  // One pixel is 2π/samples_per_lambda_w rad a pitch. Only the ratio of these lengths counts.
   sensor.optics = {.pitch_m = 1e-4,
                    .focal_m = 1e-2,
                    .pixel_m = 1e-5,
@@ -130,7 +131,7 @@ Sensor MeasurementPlan::make_sensor(double gain) const {
 
 namespace {
 
-/// Counts of a frame without noise, every window with a scale of its own.
+/// Makes the counts of a frame without noise. Every window gets a scale of its own.
 void expose_without_noise(const MeasurementPlan& plan, const Image<float>& light,
                           FrameBuffer& frame, Image<float>& scale) {
   auto* counts = reinterpret_cast<std::uint16_t*>(frame.data());
@@ -155,7 +156,7 @@ void expose_without_noise(const MeasurementPlan& plan, const Image<float>& light
 void expose_with_noise(const MeasurementPlan& plan, const Image<float>& light, std::uint64_t seed,
                        FrameBuffer& frame) {
   const MeasurementOptions& options = plan.options();
-  // A stream that neither the screens of this seed nor another flux have.
+  // Neither the screens of this seed nor another flux use this random stream.
   RandomStream random(~seed, std::bit_cast<std::uint64_t>(options.photons));
   auto* counts = reinterpret_cast<std::uint16_t*>(frame.data());
   const double adu_per_e = plan.flux_unit_adu() / options.photons;
@@ -167,7 +168,7 @@ void expose_with_noise(const MeasurementPlan& plan, const Image<float>& light, s
   }
 }
 
-/// See MeasuredFrame::slopes.
+/// Gives lenslets without a centroid a slope, see MeasuredFrame::slopes.
 void fill_missing(const MeasurementPlan& plan, SlopeField& slopes) {
   const auto& p = plan.parameters();
   const double window_rad = 2.0 * std::numbers::pi * p.window_px / p.samples_per_lambda_w;
@@ -182,7 +183,8 @@ void fill_missing(const MeasurementPlan& plan, SlopeField& slopes) {
 
 }  // namespace
 
-// The displacement of the spots of two plane waves tilted along x, over the true one.
+// The gain is the displacement between the spots of two plane waves tilted along x, over the true
+// displacement.
 double MeasurementPlan::measure_gain() const {
   SimulatorOptions options = simulator_options(parameters_, 0);
   options.turbulence.reset();

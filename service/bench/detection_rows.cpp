@@ -21,7 +21,8 @@ double value_at(const Image<float>& map, int row, int col) {
   return map.contains(row, col) ? static_cast<double>(map(row, col)) : 0.0;
 }
 
-/// Sums of a map over height × width windows that begin at (row − above, col − above).
+/// Sums the map round each (r, c), from (r − before, c − before) to (r + after, c + after). Beyond
+/// its edge the map counts as 0.
 Image<float> window_sums(const Image<float>& map, int rows, int cols, int before, int after) {
   Image<float> sums(rows, cols);
   for (int r = 0; r < rows; ++r) {
@@ -50,7 +51,7 @@ void for_each_peak(const Image<float>& map, Use use) {
   }
 }
 
-/// Peaks of a signed map whose element (0, 0) lies at (first, first).
+/// Returns the peaks of a signed map whose element (0, 0) lies at (first, first).
 std::vector<Candidate> peaks(const Image<float>& map, double first) {
   std::vector<Candidate> found;
   for_each_peak(map, [&](int r, int c) {
@@ -84,7 +85,7 @@ std::vector<Candidate> peaks_with_centroid(const MeasuredFrame& frame) {
   return found;
 }
 
-/// Round each lenslet: its own slopes take no part.
+/// Sums D over the four cells round each lenslet. The lenslet's own slopes cancel in the sum.
 Image<float> sums_of_four(const MeasuredFrame& frame) {
   return window_sums(frame.circulation.value, frame.slopes.rows(), frame.slopes.cols(), 1, 0);
 }
@@ -98,7 +99,7 @@ std::vector<Candidate> peaks_of_nine(const MeasuredFrame& frame) {
   return peaks(window_sums(map, map.rows(), map.cols(), 1, 1), 0.5);
 }
 
-/// Peaks and pits of a potential, one value a node: charge +1 where it is largest.
+/// Returns the peaks and pits of a potential that has one value a node. A peak has charge +1.
 std::vector<Candidate> extrema(const Image<float>& potential) {
   std::vector<Candidate> found;
   for (const int charge : {1, -1}) {
@@ -119,15 +120,17 @@ std::vector<Candidate> extrema(const Image<float>& potential) {
   return found;
 }
 
-/// ψ of what a least-squares phase leaves over: no part of the gradient is in it.
+/// Uses the potential ψ of the slopes that a least-squares phase leaves over, which hold no
+/// gradient.
 std::vector<Candidate> extrema_of_potential(const MeasuredFrame& frame) {
   Image<float> potential = frame.split.potential;
   for (float& value : potential) value = -value;
   return extrema(potential);
 }
 
-/// The least-squares potential of all slopes, turned by a quarter: (−s_y, s_x) is the gradient of
-/// −ln r round a positive vortex. From lenslet centres to nodes by the mean of four.
+/// Turns all slopes by a quarter and uses their least-squares potential, because round a positive
+/// vortex (−s_y, s_x) is the gradient of −ln r. The mean of four takes it from lenslet centres to
+/// nodes.
 std::vector<Candidate> extrema_of_turned_slopes(const SplitPlan& plan, const MeasuredFrame& frame) {
   SlopeField turned = frame.slopes;
   for (std::size_t k = 0; k < turned.x.size(); ++k) {
@@ -140,7 +143,7 @@ std::vector<Candidate> extrema_of_turned_slopes(const SplitPlan& plan, const Mea
   return extrema(window_sums(split.phase, turned.rows() - 1, turned.cols() - 1, 0, 1));
 }
 
-/// Ranked by the spot's second moments alone; only the sign is from the circulation around.
+/// Ranks by the spots' second moments alone. Only the sign comes from the circulation around.
 std::vector<Candidate> peaks_of_spread(const MeasuredFrame& frame) {
   const Centroids& spots = frame.centroids;
   Image<float> spread(frame.slopes.rows(), frame.slopes.cols());
@@ -154,14 +157,14 @@ std::vector<Candidate> peaks_of_spread(const MeasuredFrame& frame) {
   return found;
 }
 
-/// Slopes of the lenslets that have light, as the pipeline has them.
+/// Returns the slopes of the lenslets that have light, as the pipeline's split takes them.
 SlopeField lit_slopes(const MeasuredFrame& frame) {
   SlopeField slopes(frame.slopes.rows(), frame.slopes.cols());
   leave_out_weak(frame.centroids, frame.slopes, slopes);
   return slopes;
 }
 
-/// find_circulation_vortices with its threshold far down, on the lenslets that have light alone.
+/// Runs find_circulation_vortices with a very low threshold, on the lenslets that have light only.
 class ShippedDetector {
  public:
   explicit ShippedDetector(const MeasurementPlan& plan)
@@ -177,7 +180,7 @@ class ShippedDetector {
     std::vector<Candidate> found;
     for (const Vortex& vortex : vortices) {
       const auto significance = static_cast<double>(vortex.significance);
-      // Without noise every significance is the same, and |D| ranks.
+      // Without noise every significance is the same, so |D| ranks the candidates.
       const double rank = significance < static_cast<double>(kMaxSignificance)
                               ? significance
                               : significance + std::abs(static_cast<double>(vortex.circulation));
@@ -192,8 +195,8 @@ class ShippedDetector {
   CirculationPlan plan_;
 };
 
-/// find_whitened_vortices, however unlikely what it sees, on the lenslets that have light. Close
-/// pairs stay two.
+/// Runs find_whitened_vortices down to a very low probability, on the lenslets that have light
+/// only. Close pairs stay two vortices.
 class WhitenedDetector {
  public:
   WhitenedDetector(const MeasurementPlan& plan, double false_alarms_per_frame)
@@ -217,7 +220,8 @@ class WhitenedDetector {
   std::shared_ptr<const WhitenedPlan> plan_;
 };
 
-/// find_classified_vortices, however unlikely what it sees. Unresolved pairs are no candidates.
+/// Runs find_classified_vortices down to a very low probability. Unresolved pairs are no
+/// candidates.
 class ClassifierDetector {
  public:
   explicit ClassifierDetector(const MeasurementPlan& plan)
@@ -241,7 +245,7 @@ class ClassifierDetector {
     ClassifierWorkspace workspace;
     VortexList vortices;
   };
-  /// As many as threads have asked at once.
+  /// As many buffers as threads have asked for at once.
   class Buffers {
    public:
     std::unique_ptr<OneFrame> take(const ClassifierPlan& plan) {
@@ -265,7 +269,8 @@ class ClassifierDetector {
   std::shared_ptr<Buffers> buffers_;
 };
 
-/// A detector's candidates whose nearest node has a D of their sign that passes the control.
+/// Keeps a detector's candidates whose nearest node has a D of their sign that is significant at
+/// the stated rate.
 class ControlledDetector {
  public:
   ControlledDetector(const MeasurementPlan& plan, double false_alarms_per_frame,
@@ -293,7 +298,7 @@ class ControlledDetector {
   DetectorRow detector_;
 };
 
-constexpr double kUncontrolled = 1e9;  // false alarms a frame: more than noise can make
+constexpr double kUncontrolled = 1e9;  // false alarms a frame, more than noise can make
 
 }  // namespace
 

@@ -17,7 +17,7 @@ double distance(const A& a, const B& b) {
   return std::hypot(a.x - b.x, a.y - b.y);
 }
 
-/// F1 = 2·precision·recall/(precision + recall).
+/// Returns F1 = 2·precision·recall/(precision + recall).
 double f1(double hits, double false_alarms, double required) {
   return ratio(2.0 * hits, hits + false_alarms + required);
 }

@@ -18,9 +18,10 @@ namespace curlew {
 namespace {
 
 constexpr double kTwoSided95 = 1.959964;
-constexpr double kHowever = 1e-6;  // the least probability of "however improbable"
+constexpr double kHowever = 1e-6;  // the least probability where any will do
 
-/// The sensor of a simulator without a mask: references where a plane wave's spots lie, gain 1.
+/// Returns the sensor of a simulator without a pupil: references where a plane wave's spots lie,
+/// gain 1.
 Sensor plane_wave_sensor(const Simulator& simulator, const SimulatorOptions& options) {
   Sensor sensor = tiled_sensor({options.rows, options.cols, options.window_px});
   sensor.optics = simulator.optics();
@@ -29,7 +30,7 @@ Sensor plane_wave_sensor(const Simulator& simulator, const SimulatorOptions& opt
   return sensor;
 }
 
-/// One stated rate's detectors and what they have reported.
+/// The detectors of one stated rate, and what they have reported.
 struct Detectors {
   Detectors(double stated, const Image<std::uint8_t>& lenslets)
       : rate(stated),
@@ -41,7 +42,7 @@ struct Detectors {
     WhitenedOptions options;
     options.false_alarms_per_frame = stated;
     options.min_probability = minimum;
-    options.pair_sigmas = 0.0;  // two alarms side by side are two
+    options.pair_sigmas = 0.0;  // two alarms side by side count as two
     return options;
   }
 
@@ -119,7 +120,8 @@ void count_flux(const FalseAlarmOptions& options, double photons, const std::fun
   }
 }
 
-/// The mean of which n is the given quantile of a Poisson count.
+/// Returns the mean of the Poisson distribution for which a count of n lies `sigmas` standard
+/// deviations below the mean, by Wilson and Hilferty's cube root.
 double poisson_bound(double n, double sigmas) {
   if (!(n > 0.0)) return 0.0;
   const double root = 1.0 - 1.0 / (9.0 * n) + sigmas / (3.0 * std::sqrt(n));

@@ -11,7 +11,7 @@
 namespace curlew {
 namespace {
 
-/// Legendre's, made orthonormal over the points of an axis: [points, n].
+/// Returns Legendre polynomials, made orthonormal over the points of an axis: [points, n].
 Eigen::MatrixXd orthonormal_polynomials(int points, int n) {
   Eigen::MatrixXd values(points, n);
   for (int i = 0; i < points; ++i) {
@@ -72,7 +72,8 @@ void FieldModeEstimator::add(const SampledField& field, const std::vector<Graded
     Eigen::MatrixXcd c = polynomials_.transpose() * patch * polynomials_;
     for (int turn = 0; turn < 4; ++turn) {
       coefficients.emplace_back(Eigen::Map<const Eigen::VectorXcd>(c.data(), n * n));
-      // A quarter turn of the polynomials: transposed, and the odd ones along one axis negative.
+      // A quarter turn of the patch transposes the coefficients, and changes the sign of the odd
+      // polynomials along one axis.
       c = c.transpose().eval();
       for (Eigen::Index odd = 1; odd < n; odd += 2) c.row(odd) *= -1.0;
     }

@@ -20,8 +20,8 @@ namespace curlew {
 namespace {
 
 constexpr std::size_t kMaxVortices = 128;
-/// What noise does not say of a slope's error, rad² per pitch²: this much, and this much again
-/// times the mean flux over the lenslet's. Dark lenslets measure their own gradient badly.
+/// The part of a slope's variance that noise does not explain is this times (1 + mean flux / flux
+/// of the lenslet), in rad² per pitch². Dark lenslets measure their own gradient badly.
 constexpr float kModelVariance = 0.02F;
 
 struct Row {
@@ -48,7 +48,7 @@ constexpr std::array<Row, kRows> kRowNames = {{
     {"hidden", "ls_weighted + hidden phase of the classifier's candidates that the slopes choose"},
     {"hidden_equal", "the same on ls"},
     {"hidden_probable", "ls_weighted + hidden phase of the classifier's vortices with p >= 1/2"},
-    {"circulation", "ls_weighted + hidden phase of find_vortices' (|D| over its sigma)"},
+    {"circulation", "ls_weighted + hidden phase of find_circulation_vortices (|D| over its sigma)"},
     {"circulation_chosen", "the same, of those that the slopes choose"},
     {"exponential", "ls_weighted + hidden phase of a phasor fit's zeros (after Fried 2001)"},
     {"hidden_true", "ls_weighted + hidden phase of the true vortices: the bound"},
@@ -67,7 +67,7 @@ HiddenPhaseOptions hidden_options(bool choose) {
   return options;
 }
 
-/// What the rows share in one cell. Const, for all threads.
+/// What the rows share in one cell. It is const, for all threads.
 struct CellPlan {
   CellPlan(const FieldParameters& field, const MeasurementOptions& options)
       : measurement(field, options),
@@ -88,7 +88,7 @@ struct CellPlan {
   HiddenPhasePlan believing;
 };
 
-/// One thread's frame and estimates.
+/// The frame and the estimates of one thread.
 class Estimator {
  public:
   explicit Estimator(const CellPlan& plan)
@@ -111,7 +111,8 @@ class Estimator {
     const FieldParameters& field = plan_.measurement.parameters();
     const auto window_rad =
         static_cast<float>(2.0 * std::numbers::pi * field.window_px / field.samples_per_lambda_w);
-    // A spot of one pixel has no width, and a variance of 0 that means nothing.
+    // A spot of one pixel has no width, and therefore a variance of 0 that means nothing. It gets
+    // the variance of a spot that may be anywhere in its window.
     const float unknown = plan_.measurement.noisy() ? window_rad * window_rad / 12.0F : 0.0F;
     float mean = 0.0F;
     for (const float f : flux) mean += f / static_cast<float>(flux.size());
@@ -166,7 +167,7 @@ class Estimator {
     find_classified_vortices(plan_.classifier, frame_.frame.view(), frame_.centroids,
                              frame_.circulation, classifier_workspace_, vortices_);
   }
-  /// As the pipeline does: on the lenslets that have light.
+  /// Finds vortices of the circulation, on the lenslets that have light only.
   void circulate() {
     SlopeField lit = frame_.slopes;
     for (std::size_t k = 0; k < lit.valid.size(); ++k)
@@ -210,7 +211,7 @@ double mean_of(const std::vector<double>& values) {
   return sum / static_cast<double>(values.size());
 }
 
-/// The same draws of frames for every row, so that rows can be compared.
+/// Draws the same frames for every row, so that rows can be compared.
 MeanWithInterval bootstrap(const std::vector<double>& values, int samples) {
   std::vector<double> means;
   for (int sample = 0; sample < samples; ++sample) {
@@ -226,7 +227,7 @@ struct Fields {
   std::vector<PhaseField> fields;
 };
 
-/// Of one row: [frames].
+/// The figures of one row, [frames].
 struct RowValues {
   std::vector<double> ideal;
   std::vector<double> mirror;

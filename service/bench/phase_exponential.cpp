@@ -10,7 +10,7 @@ namespace {
 
 using Phasor = std::complex<float>;
 
-/// A pair of neighbouring lenslets: u_b is to be u_a·turn.
+/// A pair of neighbouring lenslets: u_b should be u_a·turn.
 struct Link {
   std::size_t a;
   std::size_t b;
@@ -50,7 +50,7 @@ std::vector<PointVortex> vortices_of_exponential(const SlopeField& slopes,
   }
   std::vector<Phasor> u(n);
   std::vector<Phasor> sum(n);
-  for (std::size_t k = 0; k < n; ++k)  // any start that favours nothing
+  for (std::size_t k = 0; k < n; ++k)  // any start that favours nothing will do
     u[k] = std::polar(1.0F, 2.399963F * static_cast<float>(k));
   const auto gather = [&] {
     std::fill(sum.begin(), sum.end(), Phasor());

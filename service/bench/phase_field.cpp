@@ -22,8 +22,8 @@ Propagation make_propagation(const FieldParameters& parameters, std::uint64_t se
           options.seed};
 }
 
-/// How many of `delivered` points a lenslet side are kept: the fewest that are enough and divide
-/// them; all where there are fewer.
+/// Returns how many of `delivered` points along a lenslet's side are kept: the smallest divisor of
+/// them that is enough, or all if there are too few.
 int kept_samples(int delivered) {
   int kept = std::min(kPhaseFieldSamples, delivered);
   while (delivered % kept != 0) ++kept;

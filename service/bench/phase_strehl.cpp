@@ -9,14 +9,15 @@ namespace {
 
 using Weights = std::array<float, 4>;
 
-/// Of the samples at −1, 0, 1, 2 for a place t in [0, 1).
+/// Returns the weights of the samples at −1, 0, 1 and 2 for a place t in [0, 1).
 Weights cubic_weights(float t) {
   return {((-0.5F * t + 1.0F) * t - 0.5F) * t, (1.5F * t - 2.5F) * t * t + 1.0F,
           ((-1.5F * t + 2.0F) * t + 0.5F) * t, (0.5F * t - 0.5F) * t * t};
 }
 Weights linear_weights(float t) { return {0.0F, 1.0F - t, t, 0.0F}; }
 
-/// Interpolates n values, `stride` apart, to m places. Beyond the ends f(−i) = 2f(0) − f(i).
+/// Interpolates n values, which are `stride` apart, to m places. Beyond the ends f(−i) = 2f(0) −
+/// f(i).
 void interpolate(const float* from, int n, std::ptrdiff_t stride, const PhaseField& field,
                  Weights (*weights)(float), int m, float* to, std::ptrdiff_t to_stride) {
   const auto value = [&](int i) {
@@ -36,7 +37,7 @@ void interpolate(const float* from, int n, std::ptrdiff_t stride, const PhaseFie
   }
 }
 
-/// A map at lenslet centres, at the field's points.
+/// Takes a map at lenslet centres to the field's points.
 Image<float> on_field(const Image<float>& map, const PhaseField& field, Weights (*weights)(float)) {
   const int rows = field.values.rows();
   const int cols = field.values.cols();
@@ -49,7 +50,8 @@ Image<float> on_field(const Image<float>& map, const PhaseField& field, Weights 
   return out;
 }
 
-/// phase(row, col) is taken off. The field is float, its sums are double.
+/// Returns the Strehl ratio after the phase was taken off. The field is float, but its sums are
+/// double.
 template <typename Phasor>
 double strehl(const PhaseField& field, Phasor conjugate_phasor) {
   std::complex<double> sum;

@@ -9,9 +9,9 @@ namespace curlew {
 namespace {
 
 constexpr float kNoise = 0.2F;       // rad a pitch
-constexpr float kSeparation = 2.0F;  // of a pair, pitches
+constexpr float kSeparation = 2.0F;  // of a pair, in pitches
 
-/// The true vortices at p = .8, and as many that are none at .2.
+/// Places the true vortices with p = .8, and as many false ones with p = .2.
 void place_vortices(int size, int n, std::mt19937& random, VortexList& candidates,
                     FixedList<PointVortex>& truth) {
   std::uniform_real_distribution<float> place(1.0F, static_cast<float>(size) - 2.0F - kSeparation);

@@ -15,13 +15,13 @@ namespace {
 
 using Complex = std::complex<double>;
 
-constexpr double kManyPhotons = 1e9;  // a lenslet: as good as no noise
-// The table of PixelInformation: means in electrons. Brighter pixels are Gaussian to 1 %.
+constexpr double kManyPhotons = 1e9;  // photons of a lenslet that are as good as no noise
+// The table of PixelInformation has means in electrons. Brighter pixels are Gaussian to 1 %.
 constexpr int kSteps = 73;
 constexpr double kFaintest = 1e-4;
-constexpr double kStep = 0.185;  // of ln mean: up to 73 electrons
+constexpr double kStep = 0.185;  // of ln mean, so that the table reaches 73 electrons
 
-/// ∫ (∂p/∂mean)²/p of p(y) = Σ Poisson(n)·Gauss(y − n), by sums over y and n.
+/// Returns ∫ (∂p/∂mean)²/p for p(y) = Σ Poisson(n)·Gauss(y − n), by sums over y and n.
 double integrate_information(double mean, double sigma) {
   const double reach = 7.0 * sigma;
   const int maximum = static_cast<int>(mean + 9.0 * std::sqrt(mean) + 20.0);
@@ -52,7 +52,7 @@ struct Place {
   Eigen::Index col;
 };
 
-/// The lenslets of a patch by their ring round its middle, the innermost first.
+/// Returns the lenslets of a patch by their ring round its middle, the innermost first.
 std::vector<Place> rings(int lenslets) {
   const auto ring = [half = lenslets / 2](Eigen::Index at) {
     return std::max(half - at, at - half + 1);
@@ -66,7 +66,8 @@ std::vector<Place> rings(int lenslets) {
   return places;
 }
 
-/// Weights of the four points round a place given in points: bilinear interpolation and its slopes.
+/// The weights of the four points round a place, which is given in points, for bilinear
+/// interpolation and for its slopes.
 struct Corners {
   Corners(double x, double y)
       : row(static_cast<int>(std::floor(y))), col(static_cast<int>(std::floor(x))) {
@@ -109,7 +110,8 @@ Eigen::Matrix2Xd displacements(const Eigen::MatrixXcd& patch, const Corners& at,
   const Eigen::RowVectorXcd here =
       amplitude * (at.value.cast<Complex>().transpose() * modes_around);
   Eigen::Matrix2Xd moved(2, 2 * modes.count());
-  moved << here.real(), -here.imag(), here.imag(), here.real();  // of b, then of i·b
+  // Along the coefficients' real, then their imaginary parts.
+  moved << here.real(), -here.imag(), here.imag(), here.real();
   return -gradient.inverse() * moved;
 }
 
@@ -198,7 +200,8 @@ VortexView view_vortex(const SampledField& field, const GradedVortex& vortex, in
         (gradient * modes.values[static_cast<std::size_t>(place.row * lenslets + place.col)]);
     view.light.segment(at, pixels) = light;
     view.derivative.block(at, 0, pixels, modes.count()) = change.real();
-    view.derivative.block(at, modes.count(), pixels, modes.count()) = -change.imag();  // of i·b
+    // Along the coefficients' imaginary parts.
+    view.derivative.block(at, modes.count(), pixels, modes.count()) = -change.imag();
     at += pixels;
   }
 
@@ -222,7 +225,7 @@ std::vector<Eigen::Matrix2d> position_covariances(const VortexView& view, int le
   for (const double level : photons) {
     const bool noisy = std::isfinite(level);
     const double electrons = noisy ? level : kManyPhotons;
-    Eigen::VectorXd root(pixels);  // of W
+    Eigen::VectorXd root(pixels);  // the root of W
     for (Eigen::Index p = 0; p < pixels; ++p) {
       const double mean = electrons * view.light(p);
       root(p) = electrons * std::sqrt(noisy ? information(mean) : 1.0 / std::max(mean, 1.0));
@@ -236,8 +239,8 @@ std::vector<Eigen::Matrix2d> position_covariances(const VortexView& view, int le
   return covariances;
 }
 
-// The error is (a cos θ, b sin θ)·ρ in the covariance's axes, ρ of Rayleigh's distribution: for one
-// θ the integrals over ρ are closed.
+// In the covariance's axes the error is (a cos θ, b sin θ)·ρ, where ρ has Rayleigh's distribution.
+// For each θ the integrals over ρ have a closed form.
 TruncatedError truncate_error(const Eigen::Matrix2d& covariance, double radius) {
   constexpr int kAngles = 512;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(covariance);

@@ -18,11 +18,11 @@
 namespace curlew {
 namespace {
 
-constexpr double kMinProbability = 0.02;  // of candidates
+constexpr double kMinProbability = 0.02;  // the least probability of candidates
 constexpr double kFrameS = 1e-3;
-constexpr std::size_t kTracks = 256;  // at once
+constexpr std::size_t kTracks = 256;  // at most, at once
 
-/// What one array saw: frame by frame.
+/// What one array saw, frame by frame.
 struct Watched {
   std::vector<std::vector<TrueVortex>> truth;
   std::vector<std::vector<Vortex>> candidates;
@@ -64,7 +64,7 @@ std::vector<Watched> watch(const TrackingBenchmarkOptions& options, double photo
     MeasuredFrame frame(plan);
     ClassifierWorkspace workspace(classifier);
     VortexList vortices(2 * classifier.features().lenslet_count());
-    // No two frames share a seed of noise.
+    // Each frame has a seed of its own for its noise.
     std::uint64_t seed =
         (sequence_seed(fields.subset, field) * 64 + static_cast<std::uint64_t>(index % arrays)) *
         1'000'000;
@@ -96,7 +96,7 @@ std::vector<Candidate> candidates_of(const std::vector<Vortex>& vortices) {
   return candidates;
 }
 
-/// Sums over blocks of frames, which is what the bootstrap draws.
+/// Sums over blocks of frames, which the bootstrap draws.
 struct Blocks {
   std::vector<TrackingCounts> counts;
   std::vector<FrameVerdicts> verdicts;
@@ -142,7 +142,7 @@ double best_threshold(const std::vector<Watched>& validation, const Interior& in
   return DetectionRecord(verdicts).best_threshold();
 }
 
-/// The least probability at which a tracker reports tracks so that their F1 is best.
+/// Returns the least probability of a reported track for which a tracker's F1 is best.
 double best_min_probability(const TrackingBenchmarkOptions& options,
                             const std::vector<Watched>& validation, const Interior& interior) {
   double best = 0.0;

@@ -23,10 +23,10 @@ namespace curlew {
 namespace {
 
 constexpr int kPartFrames = 50;
-constexpr int kFirstSequence = 500'000;  // of a subset's realisations
+constexpr int kFirstSequence = 500'000;  // the first index of a subset that sequences use
 constexpr int kCacheVersion = 1;
 
-/// Some frames of a sequence, from frame part·kPartFrames on.
+/// Returns the file of some frames of a sequence, from frame part·kPartFrames on.
 std::string path_of(const SequenceParameters& s, std::uint64_t seed, int part,
                     const std::string& folder) {
   const FieldParameters& p = s.field;
@@ -41,7 +41,7 @@ std::string path_of(const SequenceParameters& s, std::uint64_t seed, int part,
       .string();
 }
 
-/// The field of all arrays together.
+/// Returns the parameters of the field of all arrays together.
 FieldParameters all_arrays(const SequenceParameters& parameters) {
   FieldParameters all = parameters.field;
   all.rows *= parameters.arrays;

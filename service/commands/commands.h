@@ -13,7 +13,7 @@ void add_replay(CLI::App& app);
 void add_run(CLI::App& app);
 void add_control(CLI::App& app);
 void add_bench(CLI::App& app);
-void add_bench_detect(CLI::App& bench);  // these are commands of bench
+void add_bench_detect(CLI::App& bench);  // this and the next six are commands of bench
 void add_bench_train(CLI::App& bench);
 void add_bench_classifier(CLI::App& bench);
 void add_bench_false_alarms(CLI::App& bench);

@@ -8,18 +8,18 @@
 
 namespace curlew {
 
-/// D. P. Kingma and J. Ba, "Adam", ICLR 2015, with decoupled weight decay (I. Loshchilov and
-/// F. Hutter, ICLR 2019).
+/// Optimises by D. P. Kingma and J. Ba, "Adam", ICLR 2015, with decoupled weight decay (I.
+/// Loshchilov and F. Hutter, ICLR 2019).
 class ClassifierOptimiser {
  public:
-  /// Layers [first, last) of the network, on `batch` samples of the last of them.
+  /// Optimises the layers [first, last) of the network, on `batch` samples of the last of them.
   ClassifierOptimiser(ClassifierNetwork& network, int first, int last, int batch);
 
-  float* inputs() { return activations_.front().data(); }  ///< [samples, the first's inputs]
-  /// Runs the layers on inputs(): [batch, the last's outputs].
+  float* inputs() { return activations_.front().data(); }  ///< [samples, inputs of the first layer]
+  /// Runs the layers on inputs(). Returns [batch, outputs of the last layer].
   const float* run();
-  float* output_gradient() { return gradient_.data(); }  ///< of run()'s result, to be filled
-  /// From output_gradient(), which is overwritten.
+  float* output_gradient() { return gradient_.data(); }  ///< of run()'s result; the caller fills it
+  /// Makes a step by output_gradient(), which is overwritten.
   void step(double learning_rate);
 
  private:
@@ -35,7 +35,8 @@ class ClassifierOptimiser {
   int first_;
   int batch_;
   int steps_ = 0;
-  std::vector<AlignedVector<float>> activations_;  // inputs, then what every layer makes of them
+  // The inputs, and then the outputs of every layer.
+  std::vector<AlignedVector<float>> activations_;
   AlignedVector<float> gradient_;
   AlignedVector<float> gradient_before_;
   AlignedVector<float> transposed_;

@@ -65,7 +65,7 @@ double lose_vortex(const Label& label, const float* output, float scale, float* 
                                     (0.5F * (z1 * z1 + z2 * z2) - log_a - log_c));
 }
 
-/// Does the same for an unresolved pair.
+/// Returns the loss of an unresolved pair and writes its gradient, in the same way.
 double lose_pair(const Label& label, const float* output, float scale, float* gradient) {
   constexpr float kPairWeight = 0.3F;
   constexpr float kPositionWeight = 0.5F;
@@ -118,7 +118,7 @@ struct ValidationFields {
   double rytov_variance;
   std::vector<Realisation> realisations;
   std::vector<std::vector<GradedVortex>> truths;
-  std::vector<std::unique_ptr<MeasurementPlan>> plans;  ///< There is one for each flux.
+  std::vector<std::unique_ptr<MeasurementPlan>> plans;  ///< one for each flux
 };
 
 FieldParameters validation_parameters(double rytov_variance, int lenslets) {
@@ -157,7 +157,8 @@ std::vector<ValidationScore> validate(const std::vector<ValidationFields>& all,
   return scores;
 }
 
-/// The mean over the cells that hold a vortex which must be found; the others have no precision.
+/// Returns the mean over the cells that have a required vortex; the others have no average
+/// precision.
 double mean_precision(const std::vector<ValidationScore>& scores) {
   double sum = 0.0;
   int n = 0;
@@ -226,7 +227,7 @@ std::string score_text(const std::vector<ValidationScore>& scores) {
   return text;
 }
 
-/// This trains the encoder and the head, and keeps the network that does best in validation.
+/// Trains the encoder and the head, and keeps the network that does best in validation.
 class HeadTraining {
  public:
   HeadTraining(const TrainingOptions& options, const std::vector<TrainingField>& fields,
@@ -279,7 +280,7 @@ class HeadTraining {
     optimiser_.step(learning_rate(step));
   }
 
-  /// Rises during the warm-up, then falls along a cosine.
+  /// Returns the learning rate, which rises during the warm-up and then falls along a cosine.
   double learning_rate(int step) const {
     constexpr int kWarmUp = 200;
     const double progress = static_cast<double>(step) / options_.steps;
@@ -287,7 +288,7 @@ class HeadTraining {
     return options_.learning_rate * std::min(1.0, 1.0 * step / kWarmUp) * annealed;
   }
 
-  /// Validates the network as it is now, and keeps it where it is the best so far.
+  /// Validates the network as it is now, and keeps it if it is the best so far.
   void try_out(int step, TrainingReport& report) {
     const Clock::time_point validating = Clock::now();
     const ClassifierNetwork trial = unscaled(network_, lessons_.scale());
@@ -312,8 +313,8 @@ class HeadTraining {
   Lessons lessons_;
   ClassifierOptimiser optimiser_;
   std::vector<NodeLabel> labels_;
-  double loss_ = 0.0;  ///< This is the sum over the nodes since the last trial.
-  int losses_ = 0;     ///< This many nodes are in the sum.
+  double loss_ = 0.0;  ///< sum over the nodes since the last trial
+  int losses_ = 0;     ///< number of nodes in the sum
   double best_ = -1.0;
 };
 

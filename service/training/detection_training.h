@@ -1,4 +1,4 @@
-// Trains the vortex classifier on simulated turbulence; the same options give the same weights.
+// Trains the vortex classifier on simulated turbulence. The same options give the same weights.
 #pragma once
 
 #include <cstdint>
@@ -12,14 +12,14 @@
 namespace curlew {
 
 struct TrainingOptions {
-  int fields = 800;           ///< training realisations: of five Rytov variances and ten geometries
+  int fields = 800;           ///< training realisations, of five Rytov variances and ten geometries
   int validation_fields = 8;  ///< for each of the Rytov variances 1, 2 and 4
-  int validation_lenslets = 60;  ///< along a side of these
+  int validation_lenslets = 60;  ///< along a side of the validation fields
   int steps = 60000;
-  int batch = 512;  ///< nodes a step
+  int batch = 512;  ///< nodes in each step
   double learning_rate = 2e-3;
   std::uint64_t seed = 1;
-  int threads = 1;  ///< that simulate fields; training itself takes one
+  int threads = 1;  ///< threads that simulate fields; training itself takes one
 };
 
 /// How good a network is on validation fields, behind one turbulence and at one flux.
@@ -32,7 +32,7 @@ struct ValidationScore {
 };
 
 struct TrainingReport {
-  ClassifierNetwork network;  ///< the best of those tried on the validation subset
+  ClassifierNetwork network;  ///< the best of those that were tried on the validation subset
   std::vector<ValidationScore> validation;
   double simulating_s = 0.0;
   double measuring_s = 0.0;
@@ -41,12 +41,12 @@ struct TrainingReport {
   double scouting_s = 0.0;
 };
 
-/// log gets a line now and then. Throws what simulation throws, and what `log` does.
+/// log gets a line now and then. Throws what simulation throws, and what `log` throws.
 TrainingReport train_vortex_classifier(const TrainingOptions& options,
                                        const RealisationCache& cache,
                                        const std::function<void(const std::string&)>& log);
 
-/// The file that is compiled in: a comment, then all numbers.
+/// Returns the text of the file that is compiled in: a comment, then all numbers.
 std::string weights_text(const TrainingReport& report, const std::string& command);
 
 }  // namespace curlew

@@ -21,7 +21,7 @@
 namespace curlew {
 namespace {
 
-/// Plans for frames like a field's, one a geometry and flux.
+/// Plans for frames of training fields, one for each geometry and flux.
 class MeasurementPlans {
  public:
   const MeasurementPlan& of(const FieldParameters& p, double photons) {
@@ -39,29 +39,31 @@ class MeasurementPlans {
   std::map<std::tuple<double, int, double, double>, std::unique_ptr<MeasurementPlan>> plans_;
 };
 
-/// What a gate gets of a node, and whether it is to let it pass.
+/// What a gate gets of each node, and whether it should let the node pass.
 struct GateLessons {
   std::size_t size() const { return found.size(); }
 
-  std::size_t width;          // inputs of a lesson
+  std::size_t width;          // inputs of one lesson
   std::vector<float> inputs;  // [lessons, width]
   std::vector<float> found;   // [lessons]; 1: the network sees a vortex from this node
 };
 
 constexpr std::size_t kMaxFields = 120;
 
-/// Exposes the fields and calls use(classifier, frame, workspace, found) with what the network says
-/// of the nodes that the scout gives min_scout; found: where it sees a vortex well.
+/// Exposes the fields and calls use(classifier, frame, workspace, found). The classifier has judged
+/// the nodes that the scout gives min_scout or more; found is 1 where it sees a vortex well.
 template <typename Use>
 void see_fields(std::vector<TrainingField>& fields, const ClassifierNetwork& network,
                 double min_scout, Use&& use) {
   constexpr float kFound = 0.1F;
-  constexpr float kBestView = 0.5F;  // of the most that a neighbour gives the same vortex
+  // At least this part of what a neighbouring node gives the same vortex.
+  constexpr float kBestView = 0.5F;
   constexpr std::array<double, 4> kPhotons{kWithoutNoise, 1000.0, 200.0, 450.0};
   MeasurementPlans plans;
   for (std::size_t i = 0; i < std::min(kMaxFields, fields.size()); ++i) {
     TrainingField& field = fields[i];
-    // Fields come in fives of a geometry, tens of geometries.
+    // All five Rytov variances and ten geometries come round every 50 fields. The shift by i / 50
+    // gives them other fluxes in the next round.
     const MeasurementPlan& plan = plans.of(field.parameters, kPhotons[(i + i / 50) % 4]);
     Realisation realisation{std::move(field.light), {}};
     MeasuredFrame frame(plan);
@@ -119,7 +121,7 @@ GateLessons scout_lessons(std::vector<TrainingField>& fields, const ClassifierNe
   return lessons;
 }
 
-/// Of the nodes that the trained scout lets pass.
+/// Returns the lessons of the nodes that the trained scout lets pass.
 GateLessons screen_lessons(std::vector<TrainingField>& fields, const ClassifierNetwork& network) {
   constexpr int kCode = ClassifierNetwork::kCode;
   constexpr int kInset = (kPatch - kScreenPatch) / 2;
@@ -141,7 +143,7 @@ GateLessons screen_lessons(std::vector<TrainingField>& fields, const ClassifierN
   return lessons;
 }
 
-/// Trains layers [first, last), the last of which says a logit, and logs what thresholds would
+/// Trains layers [first, last), the last of which gives a logit, and logs what thresholds would
 /// cost.
 void train_gate(const char* name, const GateLessons& lessons, RandomStream random, int first,
                 int last, ClassifierNetwork& network,

@@ -16,7 +16,7 @@ namespace curlew {
 void train_scout(std::vector<TrainingField>& fields, std::uint64_t seed, ClassifierNetwork& network,
                  const std::function<void(const std::string&)>& log);
 
-/// The same of the screen, after the scout: it learns of the nodes that the scout lets pass.
+/// Trains the screen in the same way, after the scout, on the nodes that the scout lets pass.
 void train_screen(std::vector<TrainingField>& fields, std::uint64_t seed,
                   ClassifierNetwork& network, const std::function<void(const std::string&)>& log);
 

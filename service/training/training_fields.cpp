@@ -18,11 +18,12 @@ namespace {
 constexpr double kBiasAdu = 100.0;
 constexpr double kEPerAdu = 0.25;
 constexpr double kReadNoiseE = 1.0;
-constexpr double kThresholdE = 3.0;    // of the flux, as the benchmark's centroids have it
-constexpr double kIgnoreRadius = 1.0;  // pitches: between kHitRadius and this there is no truth
+constexpr double kThresholdE = 3.0;  // threshold of the flux, as for the benchmark's centroids
+// In pitches. Between kHitRadius and this a node has no label.
+constexpr double kIgnoreRadius = 1.0;
 
-/// Counts and fluxes of a field; photons infinite: each window to the top of the range, and fluxes
-/// of no unit.
+/// Makes counts and fluxes of a field. If photons is infinite, each window reaches the top of the
+/// range, and fluxes have no unit.
 void expose(const TrainingField& field, double photons, RandomStream& random, FrameBuffer& frame,
             Image<float>& flux_adu) {
   const int window = field.parameters.window_px;
@@ -76,7 +77,7 @@ FieldParameters training_field(int index) {
                                                   {0.14, 12, 3.0},
                                                   {0.064, 6, 2.0},
                                                   {0.064, 9, 3.0}}};
-  constexpr double kSide = 3.84;  // √(λL), of what is propagated
+  constexpr double kSide = 3.84;  // √(λL), side of the propagated area
   const Geometry& geometry = kGeometries[static_cast<std::size_t>(index / 5) % kGeometries.size()];
   FieldParameters p;
   p.rytov_variance = kRytov[static_cast<std::size_t>(index) % kRytov.size()];

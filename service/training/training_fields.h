@@ -12,24 +12,25 @@
 
 namespace curlew {
 
-/// What is to be said of a node and a kind of vortex.
+/// What should be said of a node and one kind of vortex.
 struct Label {
-  float present = 0;  ///< 1: one within kHitRadius
-  float weight = 1;   ///< 0: neither here nor there
+  float present = 0;  ///< 1: there is one within kHitRadius
+  float weight = 1;   ///< 0: unsure, for a vortex is near, but not near or certain enough
   float dx = 0;
   float dy = 0;
 };
-/// Of required vortices of charge +1, of −1, of the middles of unresolved pairs.
+/// The labels for required vortices of charge +1, those of charge −1, and middles of unresolved
+/// pairs.
 using NodeLabel = std::array<Label, 3>;
 
 /// Two opposite vortices that grade_vortices removes as a pair.
 struct UnresolvedPair {
-  double x = 0.0;  ///< the middle, lenslet units
+  double x = 0.0;  ///< of the middle, lenslet units
   double y = 0.0;
   double separation = 0.0;
-  bool clear = true;  ///< kFaintestPair apart or more, no required vortex within kHitRadius
+  bool clear = true;  ///< at least kFaintestPair apart, and no required vortex within kHitRadius
 };
-/// Pairs nearer each other leave hardly a trace, pitches.
+/// Pairs closer than this, in pitches, leave hardly a trace.
 inline constexpr double kFaintestPair = 0.3;
 std::vector<UnresolvedPair> unresolved_pairs(const std::vector<GradedVortex>& graded);
 
@@ -40,15 +41,16 @@ struct TrainingField {
   Image<std::uint8_t> near_vortex;
 };
 
-/// The parameters of training realisation `index`: of five Rytov variances and ten geometries.
+/// Returns the parameters of training realisation `index`, of five Rytov variances and ten
+/// geometries.
 FieldParameters training_field(int index);
 
-/// Labels of the field's nodes, [rows − 1, cols − 1].
+/// Returns the labels of the field's nodes, [rows − 1, cols − 1].
 Image<NodeLabel> label_nodes(const FieldParameters& p, const std::vector<GradedVortex>& truth);
 
 TrainingField make_training_field(const FieldParameters& p, Realisation realisation);
 
-/// Features of every lenslet of one exposure.
+/// The features of every lenslet in one exposure.
 struct Exposure {
   int field = 0;
   Image<float> features;  // [rows, cols·kSpotFeatures]

@@ -11,9 +11,9 @@
 namespace curlew {
 namespace {
 
-constexpr int kExposures = 24;    // at a time
-constexpr int kVisits = 2;        // of a node, each turned and cut anew
-constexpr double kKeptFar = 0.3;  // of the nodes with no vortex near
+constexpr int kExposures = 24;    // at one time
+constexpr int kVisits = 2;        // of each node, each time turned and cut anew
+constexpr double kKeptFar = 0.3;  // part of the nodes without a vortex near that is used
 
 std::vector<Symmetry> all_symmetries() {
   std::vector<Symmetry> all;
@@ -67,7 +67,7 @@ Lessons::Lessons(const std::vector<TrainingField>& fields, std::uint64_t seed)
   }
   for (int i = 0; i < kSpotFeatures; ++i) {
     double square = squares[as_size(i)];
-    if (i < kSpotModes) {  // transposed modes alike
+    if (i < kSpotModes) {  // transposed modes get the same scale
       const SpotMode mode = spot_mode(i);
       square = std::max(square, squares[as_size(spot_mode_index({mode.n, mode.m}))]);
     }

@@ -13,7 +13,7 @@
 
 namespace curlew {
 
-/// One of the eight symmetries of the square: (x, y) → (sx·x, sy·y), of the transposed patch if
+/// One of the eight symmetries of the square: (x, y) → (sx·x, sy·y), after a transposition if
 /// `transpose`.
 struct Symmetry {
   Symmetry(bool transpose_first, int sign_x, int sign_y);
@@ -24,7 +24,8 @@ struct Symmetry {
   bool transpose;
   int sx;
   int sy;
-  std::array<int, kPatchLenslets> lenslet{};  ///< of the patch before, by lenslet after
+  /// Index is the lenslet after, value the lenslet before.
+  std::array<int, kPatchLenslets> lenslet{};
   std::array<int, kSpotFeatures> feature{};
   std::array<float, kSpotFeatures> sign{};
 };
@@ -37,7 +38,8 @@ class Lessons {
   double measuring_s() const { return measuring_s_; }
   const std::array<float, kSpotFeatures>& scale() const { return scale_; }
 
-  /// Fills one node's inputs, [kPatchLenslets, kSpotFeatures], times scale().
+  /// Fills the inputs of one node, [kPatchLenslets, kSpotFeatures], times scale(), and returns its
+  /// label.
   NodeLabel next(float* inputs);
 
  private:
@@ -46,7 +48,8 @@ class Lessons {
     float weight;
   };
 
-  /// Now and then the array ends here, or a lenslet is missing: a bit a lenslet of the patch.
+  /// Draws the missing lenslets of a patch, one bit each. Now and then the array ends here, or a
+  /// lenslet is missing.
   std::uint32_t draw_missing();
   void expose_anew();
 
