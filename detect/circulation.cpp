@@ -12,7 +12,7 @@
 namespace curlew {
 namespace {
 
-/// The maps of one row of lenslets.
+/// Holds pointers into the maps of one row of lenslets.
 struct LensletRow {
   LensletRow(const SlopeField& slopes, int row)
       : x(&slopes.x(row, 0)),
@@ -30,15 +30,15 @@ struct LensletRow {
   const std::uint8_t* valid;
 };
 
-/// value where valid is 1, 0 where it is 0. By bits: a conditional would let the compiler skip the
-/// arithmetic, and then it makes no vectors.
+/// Returns `value` where `valid` is 1, and 0 where it is 0. It masks the bits, because a
+/// conditional would let the compiler skip the arithmetic, and then the compiler makes no vectors.
 float keep_if(std::uint8_t valid, float value) noexcept {
   return std::bit_cast<float>(std::bit_cast<std::uint32_t>(value) & (0U - valid));
 }
 
-// Three plain loops, each over few arrays and without a branch, so that the compiler makes vectors
-// of them. In D a lenslet at (r,c) or (r+1,c+1) takes part with ±½(s_x − s_y), one at (r,c+1) or
-// (r+1,c) with ±½(s_x + s_y); hence the signs of the covariances.
+// The three loops are plain, each over few arrays and without a branch, so that the compiler makes
+// vectors of them. In D a lenslet at (r,c) or (r+1,c+1) takes part with ±½(s_x − s_y), and one at
+// (r,c+1) or (r+1,c) with ±½(s_x + s_y). The signs of the covariances follow from this.
 int circulate_row(const LensletRow& upper, const LensletRow& lower, std::size_t cells,
                   float* __restrict value, float* __restrict variance,
                   std::uint8_t* __restrict valid) noexcept {

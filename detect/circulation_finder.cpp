@@ -12,7 +12,7 @@
 namespace curlew {
 namespace {
 
-/// What a cell must exceed.
+/// A cell must exceed this threshold.
 struct Threshold {
   float sigmas_squared;
   float circulation_rad;
@@ -23,7 +23,7 @@ struct Threshold {
   }
 };
 
-/// Calls use(dr, dc) for the eight neighbours.
+/// Calls use(dr, dc) for the eight neighbours of a cell.
 template <typename Use>
 void for_each_neighbour(Use use) noexcept {
   for (int dr = -1; dr <= 1; ++dr) {
@@ -33,7 +33,8 @@ void for_each_neighbour(Use use) noexcept {
   }
 }
 
-/// Whether a cell that passed is the strongest of its sign around, and no lobe of an opposite one.
+/// Returns whether a cell that passed the threshold is the strongest of its sign among its
+/// neighbours, and not a lobe of an opposite one.
 bool is_vortex(const CirculationMap& map, Threshold threshold, float lobe_fraction, int row,
                int col) noexcept {
   const float value = map.value(row, col);
@@ -55,7 +56,7 @@ bool is_vortex(const CirculationMap& map, Threshold threshold, float lobe_fracti
   return strongest && !lobe;
 }
 
-constexpr float kPedestal = 0.05F;  // of the peak; see find_circulation_vortices
+constexpr float kPedestal = 0.05F;  // as a fraction of the peak; see find_circulation_vortices()
 
 Vortex measure(const CirculationPlan& plan, const CirculationMap& map, int row, int col) noexcept {
   const float value = map.value(row, col);
@@ -85,13 +86,15 @@ Vortex measure(const CirculationPlan& plan, const CirculationMap& map, int row, 
     sum_x += w * static_cast<float>(dc);
     sum_y += w * static_cast<float>(dr);
   });
-  const float scale = sum > 0.0F ? 1.0F / sum : 0.0F;  // thresholds below 1σ: the cell's centre
+  // The sum may be 0 where the threshold is below 1 σ; then the vortex lies at the cell's centre.
+  const float scale = sum > 0.0F ? 1.0F / sum : 0.0F;
   vortex.x = static_cast<float>(col) + 0.5F + std::clamp(sum_x * scale, -1.0F, 1.0F);
   vortex.y = static_cast<float>(row) + 0.5F + std::clamp(sum_y * scale, -1.0F, 1.0F);
   return vortex;
 }
 
-/// Whether any of n cells passes. No early exit, so that it becomes a few vector instructions.
+/// Returns whether any of n cells passes. The loop has no early exit, so that the compiler makes a
+/// few vector instructions of it.
 bool any_passes(const float* value, const float* variance, int n, Threshold threshold) noexcept {
   int passed = 0;
   for (int c = 0; c < n; ++c) passed |= threshold.passed_by(value[c], variance[c]) ? 1 : 0;
@@ -100,8 +103,9 @@ bool any_passes(const float* value, const float* variance, int n, Threshold thre
 
 enum class Place : std::uint8_t { kInPupil, kInHole, kOutside };
 
-/// Lenslet places with one ring of surroundings, [rows+2, cols+2]. Outside is what can be reached
-/// from the surroundings over sides of lenslets the sensor lacks; what it lacks beyond is a hole.
+/// Returns where each lenslet place lies, with one ring of surroundings: [rows+2, cols+2]. A place
+/// is outside if a way leads to it from the surroundings over sides of lenslets that the sensor
+/// lacks. All other places that the sensor lacks are holes.
 Image<Place> survey(const Image<std::uint8_t>& lenslet_valid) {
   const int rows = lenslet_valid.rows() + 2;
   const int cols = lenslet_valid.cols() + 2;
@@ -130,7 +134,8 @@ Image<Place> survey(const Image<std::uint8_t>& lenslet_valid) {
   return place;
 }
 
-/// flags_when_missing for every cell, the surroundings included: [cell rows+2, cell cols+2].
+/// Returns flags_when_missing for every cell and for the ring of surroundings: [cell rows+2, cell
+/// cols+2].
 Image<std::uint8_t> survey_cells(const Image<Place>& place) {
   Image<std::uint8_t> missing(place.rows() - 1, place.cols() - 1);
   for (int r = 0; r < missing.rows(); ++r) {
@@ -140,7 +145,7 @@ Image<std::uint8_t> survey_cells(const Image<Place>& place) {
         if (p == Place::kOutside) flags |= kVortexAtPupilEdge;
         if (p == Place::kInHole) flags |= kVortexAtHole;
       }
-      // A cell the sensor has can only be lost to a lenslet that faded in the frame.
+      // A cell that the sensor has can only be lost to a lenslet that faded in the frame.
       missing(r, c) = flags == 0 ? std::uint8_t{kVortexAtHole} : flags;
     }
   }
@@ -175,8 +180,8 @@ bool has_cell(const Image<std::uint8_t>& lenslet_valid, int r, int c) {
          lenslet_valid(r + 1, c + 1) != 0;
 }
 
-/// Thresholds for 0 to n_max valid cells. z is smooth in ln n: linear between knots 5 % apart it
-/// is right to 1e-4.
+/// Returns the thresholds for 0 to n_max valid cells. The threshold z is smooth in ln n:
+/// interpolated linearly between knots 5 % apart it is right to 1e-4.
 std::vector<float> tabulate_thresholds(double rate, int n_max, CellNeighbours neighbours) {
   std::vector<float> table{std::numeric_limits<float>::max()};
   table.reserve(static_cast<std::size_t>(n_max) + 1);
@@ -227,7 +232,7 @@ void find_circulation_vortices(const CirculationPlan& plan, const CirculationMap
   check_size("find_circulation_vortices", "circulation", size_of(map.value),
              {plan.cell_rows(), plan.cell_cols()});
   vortices.clear();
-  const float z = std::min(plan.threshold_sigmas(map.n_valid), 1e18F);  // its square is finite
+  const float z = std::min(plan.threshold_sigmas(map.n_valid), 1e18F);  // keeps its square finite
   const Threshold threshold{z * z, static_cast<float>(plan.options().min_circulation_rad)};
   const auto lobe_fraction = static_cast<float>(plan.options().lobe_fraction);
   constexpr int kChunk = 32;

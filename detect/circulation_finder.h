@@ -1,4 +1,5 @@
-// Vortices from circulation: what stands out of the noise, where, and how surely.
+// This file declares the detector `circulation`. It finds the vortices that stand out of the noise,
+// and says where they are and how sure they are.
 #pragma once
 
 #include <cstddef>
@@ -13,25 +14,27 @@
 namespace curlew {
 
 struct CirculationOptions {
-  /// Mean number of vortices reported per frame where there is only slope noise. More than 0.
+  /// This is the mean number of vortices reported per frame where there is only slope noise. It
+  /// must be more than 0.
   double false_alarms_per_frame = 0.01;
-  /// Cells with |D| below this are never vortices, however small the noise; more than 0. A vortex
-  /// next to its opposite still shows .1 rad when they are 1/30 pitch apart (D ≈ 3.15·s for a
-  /// dipole of separation s), while rounding and the smooth phase's fourth derivative stay below
-  /// in noise-free data.
+  /// Cells with |D| below this are never vortices, however small the noise. It must be more than 0.
+  /// A vortex next to its opposite still shows .1 rad when the two are 1/30 pitch apart (D ≈ 3.15·s
+  /// for a dipole of separation s). In data without noise, rounding and the smooth phase's fourth
+  /// derivative stay below it.
   double min_circulation_rad = 0.1;
-  /// A cell is taken for a lobe of another vortex if an opposite neighbour is so strong that |D| is
-  /// below this fraction of it; in [0, 1). The kernel's own lobes reach .093 of their strongest
-  /// neighbour for a round vortex at any position, .12 for an elongated one at its peak.
+  /// A cell is taken for a lobe of another vortex if |D| is below this fraction of the |D| of an
+  /// opposite neighbour. It must be in [0, 1). The kernel's own lobes reach .093 of their strongest
+  /// neighbour for a round vortex at any position, and .12 for an elongated one at its peak.
   double lobe_fraction = 0.15;
 };
 
-/// All that follows from the options and the pupil. Const after construction, shared by threads.
+/// The plan holds all that follows from the options and the pupil. It is const after construction
+/// and shared by threads.
 class CirculationPlan {
  public:
-  /// lenslet_valid: [rows, cols], nonzero where the sensor has a lenslet. capacity: the most
-  /// vortices a frame may have; VortexList counts what is more. Throws UsageError on options out
-  /// of range and Failure on fewer than 2×2 lenslets.
+  /// `lenslet_valid` is [rows, cols] and nonzero where the sensor has a lenslet. A frame may have
+  /// at most `capacity` vortices; VortexList counts those beyond. Throws UsageError where an option
+  /// is out of its range, and Failure where there are fewer than 2×2 lenslets.
   CirculationPlan(const CirculationOptions& options, const Image<std::uint8_t>& lenslet_valid,
                   std::size_t capacity);
 
@@ -41,13 +44,15 @@ class CirculationPlan {
   int cell_cols() const { return cell_cols_; }
   int n_cells() const { return n_cells_; }  ///< cells whose four lenslets the sensor has
 
-  /// Threshold on |D|/σ_D for a frame with n_valid valid cells, n_valid in [0, cells of the array].
+  /// Returns the threshold on |D|/σ_D for a frame with n_valid valid cells; n_valid must be in [0,
+  /// cells of the array].
   float threshold_sigmas(int n_valid) const {
     return threshold_[static_cast<std::size_t>(n_valid)];
   }
 
-  /// Flags of a vortex that has cell (row, col) for a neighbour when that cell is not valid in a
-  /// frame. row in [−1, cell_rows], col in [−1, cell_cols]: the array's surroundings count too.
+  /// Returns the flags of a vortex that has cell (row, col) for a neighbour, when that cell is not
+  /// valid in a frame. `row` is in [−1, cell_rows] and `col` in [−1, cell_cols], because the
+  /// array's surroundings count too.
   std::uint32_t flags_when_missing(int row, int col) const { return missing_(row + 1, col + 1); }
 
  private:
@@ -60,17 +65,20 @@ class CirculationPlan {
   std::vector<float> threshold_;
 };
 
-/// Vortices of one frame, in raster order; `vortices` is cleared first.
+/// Finds the vortices of one frame, in raster order; `vortices` is cleared first.
 ///
-/// A cell is a vortex if |D| > z·σ_D and |D| ≥ min_circulation_rad, no neighbour that passes the
-/// same test with the same sign has a larger |D| (of equals the first in raster order stays), and
-/// it is no lobe of a stronger opposite neighbour. z follows from the stated rate and the number of
-/// cells valid in this frame.
-/// The position is the centroid of the 3×3 cells' same-sign D, each less its own σ_D and 5 % of the
-/// peak: that keeps noise from drawing it to the centre and takes most of the bias (rms error for
-/// an isolated round vortex .02 w without noise). It is within ±1 of the cell's centre. Cells that
-/// are missing are left out, which draws the position away from them by .2 w rms; the flags say so.
-/// σ_D = 0 is lawful: then min_circulation_rad alone decides and significance is kMaxSignificance.
+/// A cell is a vortex if |D| > z·σ_D and |D| ≥ min_circulation_rad, if no neighbour that passes
+/// this test with the same sign has a larger |D| (of equals the first in raster order stays), and
+/// if it is not a lobe of a stronger opposite neighbour. z follows from the stated rate and from
+/// the number of cells that are valid in this frame.
+///
+/// The position is the centroid of the same-sign D of the 3×3 cells, each less its own σ_D and 5 %
+/// of the peak. This keeps noise from pulling the position to the centre and takes away most of the
+/// bias (the rms error for an isolated round vortex is .02 w without noise). The position is within
+/// ±1 of the cell's centre. Missing cells are left out, which pulls the position away from them by
+/// .2 w rms; the flags say so.
+///
+/// σ_D may be 0. Then min_circulation_rad alone decides, and the significance is kMaxSignificance.
 void find_circulation_vortices(const CirculationPlan& plan, const CirculationMap& map,
                                VortexList& vortices) noexcept;
 

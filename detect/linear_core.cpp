@@ -10,7 +10,7 @@ LinearCore::LinearCore(Morphology morphology)
       c_(std::cos(morphology.alpha_rad)) {}
 
 std::array<double, 2> LinearCore::lenslet_slopes(double dx, double dy) const {
-  // The means of x² and y² over a unit square are 1/12 more than at its centre, and A₊ + A₋ = 2.
+  // Over a unit square the means of x² and y² are 1/12 more than at its centre, and A₊ + A₋ = 2.
   const double light = (1.0 + a_) * dx * dx - 2.0 * b_ * dx * dy + (1.0 - a_) * dy * dy + 1.0 / 6.0;
   return {-c_ * dy / light, c_ * dx / light};
 }

@@ -10,7 +10,7 @@ namespace {
 
 double squared(double value) { return value * value; }
 
-/// ln(1 + r) where 1 + r is also known as `whole`, accurate near 1 and near 0.
+/// Returns ln(1 + r), where 1 + r is also given as `whole`. It is accurate both near 1 and near 0.
 double log_of_ratio(double whole, double r) {
   return std::abs(r) < 0.5 ? std::log1p(r) : std::log(whole);
 }
@@ -20,7 +20,7 @@ double log_of_ratio(double whole, double r) {
 VortexKernel::VortexKernel(Morphology morphology) {
   double alpha = std::remainder(morphology.alpha_rad, 2.0 * std::numbers::pi);
   double beta = morphology.beta_rad;
-  if (alpha < 0.0) {  // (−α, β) and (α, β+π) have the same A, B and C
+  if (alpha < 0.0) {  // because (−α, β) and (α, β+π) have the same A, B and C
     alpha = -alpha;
     beta += std::numbers::pi;
   }
@@ -32,12 +32,12 @@ VortexKernel::VortexKernel(Morphology morphology) {
   zeta_im_ = zeta.imag();
   sin_alpha_ = std::sin(alpha);
   b_ = sin_alpha_ * std::sin(beta);
-  // 1 ∓ sin α cos β without cancellation: 1 − sin α = 2 sin²(π/4 − α/2).
+  // These are 1 ∓ sin α cos β without cancellation: 1 − sin α = 2 sin²(π/4 − α/2).
   const double one_minus_sin_alpha = 2.0 * squared(std::sin(0.25 * std::numbers::pi - 0.5 * alpha));
   a_plus_ = one_minus_sin_alpha + 2.0 * sin_alpha_ * squared(std::cos(0.5 * beta));
   a_minus_ = one_minus_sin_alpha + 2.0 * sin_alpha_ * squared(std::sin(0.5 * beta));
-  // A₊A₋ = B² + C² and A± ≤ 2, so A± ≥ C²/2: together with a C that is never 0 this keeps every
-  // quotient below finite on the limit line α = 90°.
+  // A₊A₋ = B² + C² and A± ≤ 2, so that A± ≥ C²/2. Together with a C that is never 0, this keeps
+  // every quotient below finite on the limit line α = 90°.
   c_ = std::copysign(std::max(std::abs(std::cos(alpha)), 1e-20), std::cos(alpha));
   a_plus_ = std::max(a_plus_, 0.5 * c_ * c_);
   a_minus_ = std::max(a_minus_, 0.5 * c_ * c_);
@@ -48,14 +48,14 @@ std::array<double, 2> VortexKernel::gradient(double x, double y) const {
   return {-y * c_ / q, x * c_ / q};
 }
 
-/// P(X, Y), whose alternating sum over a rectangle's corners is the integral of ∇φ over it.
+/// Returns P(X, Y), whose alternating sum over a rectangle's corners is the integral of ∇φ over it.
 std::array<double, 2> VortexKernel::corner_integral(double x, double y) const {
-  double x_part_x = 0.0;  // the terms with a factor X; they vanish with it
+  double x_part_x = 0.0;  // terms with a factor X, which vanish with it
   double x_theta = 0.0;
   double y_part_y = 0.0;
   double y_theta = 0.0;
   if (x != 0.0) {
-    // Q/(A₊X²) = (1 − BY/(A₊X))² + (CY/(A₊X))²
+    // Q/(A₊X²) = (1 − BY/(A₊X))² + (CY/(A₊X))² is the ratio of which the logarithm is taken.
     const double slant = y / (a_plus_ * x);
     const double whole = squared(1.0 - b_ * slant) + squared(c_ * slant);
     const double r = slant * (a_plus_ * a_minus_ * slant - 2.0 * b_);
@@ -95,7 +95,7 @@ double VortexKernel::circulation(double t, double u) const {
   return far ? circulation_asymptote(t, u) : circulation_closed_form(t, u);
 }
 
-/// DESIGN.md's D over the unit lenslets at (±½, ±½) from the cell's centre.
+/// Computes D of circulation.h over the unit lenslets at (±½, ±½) from the cell's centre.
 double VortexKernel::circulation_closed_form(double t, double u) const {
   const auto s00 = mean_gradient(-1.0 - t, -1.0 - u, -t, -u);
   const auto s01 = mean_gradient(-t, -1.0 - u, 1.0 - t, -u);
@@ -104,7 +104,7 @@ double VortexKernel::circulation_closed_form(double t, double u) const {
   return 0.5 * (s00[0] + s01[0] + s01[1] + s11[1] - s11[0] - s10[0] - s10[1] - s00[1]);
 }
 
-/// D → Re[(ξ⁴−ζ⁴)/u⁴·(1 + (8/3)·sin α/u²)], u = ξz + ζz̄, z = t + iu.
+/// Computes D → Re[(ξ⁴−ζ⁴)/u⁴·(1 + (8/3)·sin α/u²)] with u = ξz + ζz̄ and z = t + iu.
 double VortexKernel::circulation_asymptote(double t, double u) const {
   const std::complex<double> xi(xi_re_, xi_im_);
   const std::complex<double> zeta(zeta_re_, zeta_im_);
@@ -122,7 +122,7 @@ double VortexKernel::peak_circulation() const {
   const double t3 = std::atan2(c_, a_plus_ + b_);
   const double t4 = std::atan2(c_, a_minus_ + b_);
   const double a = 0.5 * (a_plus_ - a_minus_);
-  const double four = 4.0 * (a * a + c_ * c_);  // 4(1 − B²) without cancellation
+  const double four = 4.0 * (a * a + c_ * c_);  // is 4(1 − B²) without cancellation
   return t1 + t2 + t3 + t4 + (b_ / a_minus_) * (t1 - t3) + (b_ / a_plus_) * (t2 - t4) +
          0.5 * c_ / a_minus_ * std::log(four / squared(a_plus_)) +
          0.5 * c_ / a_plus_ * std::log(four / squared(a_minus_));

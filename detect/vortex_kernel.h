@@ -1,58 +1,62 @@
-// The vortex kernel: slopes and circulation of one vortex as lenslets average them uniformly.
+// The vortex kernel gives slopes and circulation of one vortex as lenslets that average uniformly
+// see it.
 #pragma once
 
 #include <array>
 
 namespace curlew {
 
-/// Shape of a vortex's core: φ = Im ln[ξ(x+iy) + ζ(x−iy)] with ξ = cos(α/2)·e^{iβ/2} and
-/// ζ = sin(α/2)·e^{−iβ/2}. α = 0 is the canonical (round) vortex of charge +1; the charge is the
-/// sign of cos α, so α = π is the round one of charge −1. Both angles in radians.
+/// This is the shape of a vortex's core: φ = Im ln[ξ(x+iy) + ζ(x−iy)] with ξ = cos(α/2)·e^{iβ/2}
+/// and ζ = sin(α/2)·e^{−iβ/2}. α = 0 is the canonical (round) vortex of charge +1. The charge is
+/// the sign of cos α, so that α = π is the round vortex of charge −1. Both angles are in radians.
 /// Source: Chen, Roux & Olivier, J. Opt. Soc. Am. A 24, 1994 (2007).
 struct Morphology {
   double alpha_rad = 0.0;
   double beta_rad = 0.0;
 };
 
-/// The uniform-average response of lenslets to a vortex of one morphology, in closed form.
-/// Lengths are in lenslet pitches, x along the columns, y along the rows. Made once per morphology
-/// and used by plans and tests, so everything is double.
+/// Computes the uniform-average response of lenslets to a vortex of one morphology, in closed form.
+/// Lengths are in lenslet pitches, x along the columns and y along the rows. A kernel is made once
+/// per morphology and used by plans and tests, so that everything is double.
 ///
-/// Absolute error of D below 5e-13 within a few pitches; as the core degenerates into a line (α
-/// towards 90°) it grows to 5e-12 at 1e-3 rad from there and stays below 1e-9 all the way. All
-/// results are finite for finite arguments, the limit line itself included.
+/// The absolute error of D is below 5e-13 within a few pitches. As the core degenerates into a line
+/// (α towards 90°), the error grows to 5e-12 at 1e-3 rad from there, and it stays below 1e-9 all
+/// the way. All results are finite for finite arguments, even on the limit line itself.
 class VortexKernel {
  public:
   explicit VortexKernel(Morphology morphology = {});
 
-  /// +1 or −1.
+  /// Returns +1 or −1.
   int charge() const { return c_ > 0.0 ? 1 : -1; }
 
-  /// ∇φ (x, y) in rad per pitch at a point (x, y) from the vortex; infinite at (0, 0).
+  /// Returns ∇φ (x, y) in rad per pitch at a point (x, y) from the vortex. It is infinite at (0,
+  /// 0).
   std::array<double, 2> gradient(double x, double y) const;
 
-  /// ∇φ averaged over the rectangle [x0, x1]×[y0, y1], given from the vortex, which may lie inside,
-  /// on a side or on a corner. rad per pitch, (x, y). Needs x0 < x1 and y0 < y1.
+  /// Returns ∇φ (x, y) in rad per pitch, averaged over the rectangle [x0, x1]×[y0, y1]. The
+  /// rectangle is given from the vortex, which may lie inside, on a side or on a corner. x0 < x1
+  /// and y0 < y1 must hold.
   std::array<double, 2> mean_gradient(double x0, double y0, double x1, double y1) const;
 
-  /// Slopes (s_x, s_y), rad per pitch, of the lenslet whose centre lies at (dx, dy) from the
-  /// vortex.
+  /// Returns the slopes (s_x, s_y), in rad per pitch, of the lenslet whose centre lies at (dx, dy)
+  /// from the vortex.
   std::array<double, 2> lenslet_slopes(double dx, double dy) const;
 
-  /// Circulation D, rad, of the cell from whose centre the vortex is (t, u) away.
-  /// Takes the asymptote where |ξz + ζz̄| > kAsymptoteFrom and the closed form elsewhere; both are
+  /// Returns the circulation D, in rad, of the cell from whose centre the vortex is (t, u) away. It
+  /// takes the asymptote where |ξz + ζz̄| > kAsymptoteFrom and the closed form elsewhere. Both are
   /// within 1e-13 of the truth where they meet.
   double circulation(double t, double u) const;
 
-  /// D(0, 0): the circulation of a vortex on the cell's node, from the formula of its own.
+  /// Returns D(0, 0), the circulation of a vortex on the cell's node, from a formula of its own.
   double peak_circulation() const;
 
-  /// The two branches of circulation(), for tests of their joint.
+  /// These are the two branches of circulation(), for tests of where they meet.
   double circulation_closed_form(double t, double u) const;
   double circulation_asymptote(double t, double u) const;
 
-  /// |u| = |ξz + ζz̄| at which circulation() changes branch. The asymptote's relative error is
-  /// O(|u|⁻⁴), so its absolute error O(|u|⁻⁸) falls to the closed form's rounding (1e-14) here.
+  /// This is the |u| = |ξz + ζz̄| at which circulation() changes branch. The asymptote's relative
+  /// error is O(|u|⁻⁴). Its absolute error, O(|u|⁻⁸), has fallen to the closed form's rounding
+  /// (1e-14) here.
   static constexpr double kAsymptoteFrom = 56.0;
 
  private:

@@ -59,10 +59,10 @@ void VortexMotion::learn_interval(float dt) noexcept {
   interval_s_ += 0.05F * (std::clamp(dt, 0.5F * interval_s_, 2.0F * interval_s_) - interval_s_);
 }
 
-/// The median, smoothed.
+/// Moves the drift towards the median velocity.
 void VortexMotion::learn_drift(std::span<float> along_x, std::span<float> along_y) noexcept {
   const Eigen::Vector2f now(median_of(along_x), median_of(along_y));
-  // Fast at first, then an average over some 20 frames.
+  // The drift is learnt fast at first; then it is an average over some 20 frames.
   const float gain = std::max(0.05F, 1.0F - drift_known_);
   drift_ += gain * (now - drift_);
   drift_known_ += 0.1F * (1.0F - drift_known_);
@@ -74,7 +74,7 @@ MotionState VortexMotion::begin(const Eigen::Vector2f& position,
   state.mean << position, drift_;
   state.covariance.topLeftCorner<2, 2>() = covariance;
   const float velocity = square(own_velocity_) + (1.0F - drift_known_) * square(max_drift_);
-  // Before the second frame nobody knows how long a frame is.
+  // Before the second frame it is not known how long a frame is.
   state.covariance(2, 2) = state.covariance(3, 3) =
       interval_s_ > 0.0F ? velocity / square(interval_s_) : 0.0F;
   return state;
@@ -85,7 +85,7 @@ void VortexMotion::doubt_velocity(MotionState& state) const noexcept {
       square(max_drift_ / interval_s_) * Eigen::Matrix2f::Identity();
 }
 
-// A velocity of its own dies away, and is renewed so that its variance lasts.
+// A vortex's own velocity dies away, and noise renews it so that its variance stays the same.
 MotionStep VortexMotion::step(float dt) const noexcept {
   const float frames = dt / interval_s_;
   const float stays =

@@ -1,4 +1,5 @@
-// How vortices move, and where they are by all that was seen of them: a Kalman filter each.
+// This file declares how vortices move. A Kalman filter for each says where it is by all that was
+// seen of it.
 #pragma once
 
 #include <Eigen/Core>
@@ -8,26 +9,26 @@
 
 namespace curlew {
 
-/// What some time does to every vortex.
+/// Says what some time does to every vortex.
 struct MotionStep {
-  float dt;       ///< s
-  float stays;    ///< part of a velocity of its own
-  float renewed;  ///< its variance
-  float wander;   ///< variance, pitches²
+  float dt;       ///< time, s
+  float stays;    ///< part of a vortex's own velocity that stays
+  float renewed;  ///< variance added to the velocity, (pitches/s)²
+  float wander;   ///< variance added to the position, pitches²
   Eigen::Vector2f drift;
 };
 
-/// What a measured position says beyond the predicted one.
+/// Says what a measured position adds to the predicted one.
 struct Innovation {
-  Eigen::Vector2f off;      ///< measured less predicted, pitches
-  Eigen::Matrix2f inverse;  ///< of its covariance S
-  float determinant;        ///< of S
-  float mahalanobis2;       ///< offᵀ·S⁻¹·off: χ² with two degrees of freedom
+  Eigen::Vector2f off;      ///< measured less predicted position, pitches
+  Eigen::Matrix2f inverse;  ///< inverse of the covariance S of `off`
+  float determinant;        ///< determinant of S
+  float mahalanobis2;       ///< offᵀ·S⁻¹·off, χ² with two degrees of freedom
 };
 
-/// Of one vortex, at the time of a frame.
+/// This is the state of one vortex at the time of a frame.
 struct MotionState {
-  /// x, y in pitches; velocity in pitches a second.
+  /// The mean holds x and y in pitches, then the velocity in pitches a second.
   Eigen::Vector4f mean = Eigen::Vector4f::Zero();
   Eigen::Matrix4f covariance = Eigen::Matrix4f::Zero();
 
@@ -35,35 +36,36 @@ struct MotionState {
   float y() const { return mean.y(); }
 
   void predict(const MotionStep& step) noexcept;
-  /// position_covariance: of the position's errors, pitches².
+  /// position_covariance is that of the errors of the measured position, in pitches².
   Innovation innovation(const Eigen::Vector2f& position,
                         const Eigen::Matrix2f& position_covariance) const noexcept;
   void update(const Innovation& innovation) noexcept;
 };
 
-/// All vortices drift together, each with a velocity of its own besides that dies away. The drift
-/// and the time from frame to frame are learnt.
+/// All vortices drift together. Each also has a velocity of its own, which dies away. The drift and
+/// the time from frame to frame are learnt.
 class VortexMotion {
  public:
-  /// Uses own_velocity, own_velocity_frames, wander and max_drift.
+  /// The options used are own_velocity, own_velocity_frames, wander and max_drift.
   explicit VortexMotion(const TrackerOptions& options);
 
   void reset() noexcept;
 
-  /// From frame to frame; 0 until known.
+  /// Returns the time from frame to frame, and 0 until it is known.
   float interval_s() const { return interval_s_; }
   void learn_interval(float dt) noexcept;
 
-  /// Pitches a second; 0 while unknown.
+  /// Returns the drift in pitches a second, and 0 while it is not known.
   const Eigen::Vector2f& drift() const { return drift_; }
-  /// From the velocities, at least one, of vortices that have been followed for some frames. Sorts
-  /// them.
+  /// Learns from the velocities, at least one, of vortices that have been followed for some frames.
+  /// The function sorts them.
   void learn_drift(std::span<float> along_x, std::span<float> along_y) noexcept;
 
-  /// Of a vortex that is seen for the first time.
+  /// Returns the state of a vortex that is seen for the first time.
   MotionState begin(const Eigen::Vector2f& position,
                     const Eigen::Matrix2f& covariance) const noexcept;
-  /// Now that interval_s is known: of what began before it was.
+  /// Widens the velocity's variance of a state that began before interval_s was known, now that it
+  /// is.
   void doubt_velocity(MotionState& state) const noexcept;
 
   MotionStep step(float dt) const noexcept;
@@ -76,7 +78,7 @@ class VortexMotion {
 
   float interval_s_ = 0;
   Eigen::Vector2f drift_ = Eigen::Vector2f::Zero();
-  float drift_known_ = 0;  // 0 … 1
+  float drift_known_ = 0;  // from 0 to 1
 };
 
 }  // namespace curlew

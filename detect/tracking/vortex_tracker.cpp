@@ -8,28 +8,28 @@ namespace curlew {
 namespace {
 
 constexpr std::size_t kCandidatesPerTrack = 4;
-constexpr std::size_t kPairsPerTrack = 12;  // candidates a track chooses among
-constexpr float kGate = 13.8F;              // of χ² with two degrees of freedom: .999
-constexpr float kFarthest = 2.5F;           // pitches: no track is worth looking up farther
-constexpr float kMinScore = -3.0F;          // a track that has fallen so low is given up
-constexpr float kLostPosition = 0.5F;       // pitches², variance: nor is one that may be anywhere
-constexpr float kPairReach = 1.5F;       // pitches: opposite vortices nearer may be born together
-constexpr float kPairRadius = 1.0F;      // pitches: an unresolved pair tells of tracks this near
-constexpr float kSameVortex = 0.6F;      // pitches: tracks of one charge nearer are one
-constexpr float kGoing = 2.0F;           // times a miss counts where a vortex may have gone
-constexpr float kLikely = -1.0F;         // log odds: who may be a new vortex's partner
-constexpr float kEdge = 1.0F;            // pitches: within it vortices come and go one by one
-constexpr float kOutside = 0.5F;         // pitches beyond the outermost lenslet centres: gone
-constexpr float kMaxLogOdds = 5.0F;      // no detector is surer
-constexpr float kMissedLogOdds = -4.5F;  // counts as evidence where nothing is seen
+constexpr std::size_t kPairsPerTrack = 12;  // candidates among which a track chooses
+constexpr float kGate = 13.8F;              // .999 of χ² with two degrees of freedom
+constexpr float kFarthest = 2.5F;           // pitches; a track looks no farther for candidates
+constexpr float kMinScore = -3.0F;          // A track is given up below this score.
+constexpr float kLostPosition = 0.5F;       // pitches²; a track with more variance is given up
+constexpr float kPairReach = 1.5F;   // pitches; opposite vortices within it may be born together
+constexpr float kPairRadius = 1.0F;  // pitches; an unresolved pair stands for tracks within it
+constexpr float kSameVortex = 0.6F;  // pitches; tracks of one charge within it are one
+constexpr float kGoing = 2.0F;       // factor on a miss where a vortex may have gone
+constexpr float kLikely = -1.0F;     // log odds; from here on, a candidate may be a partner
+constexpr float kEdge = 1.0F;        // pitches; this near the edge vortices come and go singly
+constexpr float kOutside = 0.5F;     // pitches; a track is gone this far outside
+constexpr float kMaxLogOdds = 5.0F;  // No detector is surer than this.
+constexpr float kMissedLogOdds = -4.5F;  // log odds counted where nothing is seen
 constexpr float kSureFrom = -0.1F;
 constexpr float kSurerByScore = 0.14F;
 constexpr float kSurerByMean = 0.9F;
-constexpr float kLearning = 0.02F;      // a frame
+constexpr float kLearning = 0.02F;      // part learnt in a frame
 constexpr float kFirstDensity = 0.02F;  // vortices of one charge a square pitch
 constexpr float kFirstDetection = 0.9F;
-constexpr std::size_t kMinForDrift = 3;  // tracks
-constexpr int kAgeForDrift = 5;          // frames
+constexpr std::size_t kMinForDrift = 3;  // in tracks
+constexpr int kAgeForDrift = 5;          // in frames
 
 template <typename T>
 T square(T x) noexcept {
@@ -43,11 +43,11 @@ float log_odds(float probability) noexcept {
 
 float odds_to_probability(float log_odds) noexcept { return 1.0F / (1.0F + std::exp(-log_odds)); }
 
-/// ln(1 + e^x).
+/// Returns ln(1 + e^x).
 float softplus(float x) noexcept { return x > 15.0F ? x : std::log1p(std::exp(x)); }
 
-/// Of a detector that states no probability: noise leaves |D|/σ half normal in a cell, vortices
-/// spread it evenly up to 20.
+/// Returns the log odds for a detector that states no probability. In a cell with noise alone |D|/σ
+/// is half normal; vortices spread it evenly up to 20.
 float log_odds_of_significance(float significance, float density) noexcept {
   const float noise = 2.0F * std::numbers::inv_sqrtpi_v<float> / std::numbers::sqrt2_v<float>;
   const float z = std::min(significance, 8.0F);
@@ -125,14 +125,14 @@ void VortexTracker::update(double time_s, VortexList& vortices) noexcept {
   report(vortices);
 }
 
-/// Moves all tracks to time_s; false where that cannot be.
+/// Moves all tracks to time_s. Returns false where this is not possible.
 bool VortexTracker::advance(double time_s) noexcept {
   if (frames_ == 0) {
     time_s_ = time_s;
     return true;
   }
   const auto dt = static_cast<float>(time_s - time_s_);
-  if (dt == 0.0F && motion_.interval_s() > 0.0F) {  // a clock too coarse for the frames
+  if (dt == 0.0F && motion_.interval_s() > 0.0F) {  // The clock is too coarse for the frames.
     predict(motion_.interval_s());
     return true;
   }
@@ -161,7 +161,7 @@ void VortexTracker::predict(float dt) noexcept {
   n_tracks_ = kept;
 }
 
-/// How far inside the outermost lenslet centres.
+/// Returns how far (x, y) lies inside the outermost lenslet centres.
 float VortexTracker::distance_to_edge(float x, float y) const noexcept {
   return std::min(std::min(x, cols_ - 1.0F - x), std::min(y, rows_ - 1.0F - y));
 }
@@ -188,8 +188,8 @@ void VortexTracker::observe(const VortexList& candidates) noexcept {
   }
 }
 
-/// Vortices are born in opposite pairs or come over the edge; one alone in the middle has been
-/// overlooked before.
+/// Sets the log odds that a candidate is a new vortex. Vortices are born in opposite pairs or come
+/// over the edge. A lone one in the middle has been overlooked before, or is none.
 void VortexTracker::weigh_births(const VortexList& candidates) noexcept {
   const auto lone = static_cast<float>(std::log(options_.lone_birth));
   std::size_t n_likely = 0;
@@ -240,7 +240,7 @@ void VortexTracker::assign(const VortexList& candidates, std::int32_t charge) no
   }
 }
 
-/// ln[p/(1 − p) · N(z)/ρ].
+/// Returns ln[p/(1 − p) · N(z)/ρ].
 float VortexTracker::evidence(const Observation& observation,
                               const Innovation& innovation) const noexcept {
   return observation.log_odds - 0.5F * innovation.mahalanobis2 -
@@ -259,7 +259,8 @@ void VortexTracker::follow(Track& track, const Vortex& candidate,
   track.last = candidate;
 }
 
-/// A vortex that can go, over the edge or with an opposite one, is sooner believed gone.
+/// Counts a miss. A vortex that can go, over the edge or with an opposite one, is believed gone
+/// sooner. An unresolved pair there counts as neither seen nor missed.
 void VortexTracker::miss(Track& track) noexcept {
   for (std::size_t i = 0; i < n_pairs_; ++i) {
     const float probability = pairs_[i].probability;
@@ -276,7 +277,8 @@ void VortexTracker::miss(Track& track) noexcept {
   average(track, kMissedLogOdds);
 }
 
-/// From each candidate that no track takes, unless a track of its charge is there already.
+/// Begins a track from each candidate that no track takes, unless a track of its charge is already
+/// there.
 void VortexTracker::begin_tracks(const VortexList& candidates) noexcept {
   float begun = 0.0F;
   const std::size_t n_before = n_tracks_;
@@ -309,7 +311,7 @@ void VortexTracker::begin_tracks(const VortexList& candidates) noexcept {
 
 /// Confirms tracks and gives others up.
 void VortexTracker::settle() noexcept {
-  // Of `births_` clutter tracks a frame, the part e^−threshold ever comes so far.
+  // Of `births_` clutter tracks a frame, only the part e^−threshold ever comes so far.
   const float threshold = std::clamp(
       std::log(std::max(births_, 0.1F) / static_cast<float>(options_.false_tracks_per_frame)), 1.0F,
       static_cast<float>(options_.max_score) - 0.5F);
@@ -329,7 +331,7 @@ void VortexTracker::settle() noexcept {
   n_tracks_ = kept;
 }
 
-/// Density and probability of detection.
+/// Learns the density and the probability of detection.
 void VortexTracker::learn() noexcept {
   float vortices = 0.0F;
   for (std::size_t j = 0; j < n_observations_; ++j)
@@ -348,7 +350,7 @@ void VortexTracker::learn() noexcept {
   }
 }
 
-/// From the confirmed tracks.
+/// Learns the drift from the confirmed tracks.
 void VortexTracker::learn_drift() noexcept {
   std::size_t n = 0;
   for (std::size_t i = 0; i < n_tracks_; ++i) {
@@ -359,15 +361,16 @@ void VortexTracker::learn_drift() noexcept {
   if (n >= kMinForDrift) motion_.learn_drift({velocity_x_.data(), n}, {velocity_y_.data(), n});
 }
 
-/// What detectors make of a track, over its last frames.
+/// Averages what the detector says of a track over its last frames.
 void VortexTracker::average(Track& track, float seen) const noexcept {
   const float part = std::max(static_cast<float>(1.0 / options_.average_frames),
                               1.0F / static_cast<float>(track.age));
   track.evidence += part * (seen - track.evidence);
 }
 
-/// That the track is a vortex now: a logistic regression of simulated tracks, Rytov variance 2,
-/// 1000 and 200 photons. A score is too sure, for its evidence is not independent.
+/// Returns the probability that the track is a vortex now. It is a logistic regression on simulated
+/// tracks with a Rytov variance of 2 and 1000 and 200 photons. The score alone would be too sure,
+/// because its evidence is not independent.
 float VortexTracker::probability(const Track& track) noexcept {
   return odds_to_probability(kSureFrom + kSurerByScore * track.score +
                              kSurerByMean * track.evidence);
@@ -375,7 +378,8 @@ float VortexTracker::probability(const Track& track) noexcept {
 
 void VortexTracker::report(VortexList& vortices) noexcept {
   const float lasting = square(static_cast<float>(options_.lasting_error));
-  vortices.shorten(0);  // clear() would forget what the detector had no room for
+  // clear() would forget how many vortices the detector had no room for.
+  vortices.shorten(0);
   for (std::size_t i = 0; i < n_tracks_; ++i) {
     const Track& track = tracks_[i];
     const float sure = probability(track);

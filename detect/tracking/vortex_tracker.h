@@ -1,4 +1,5 @@
-// Tracking: who is who from frame to frame, how vortices move, and which of them are real.
+// This file declares tracking: which vortices of two frames are the same, how vortices move, and
+// which of them are real.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,54 +15,59 @@
 
 namespace curlew {
 
-/// Follows the vortices of successive frames, one candidate a track at most, of its own charge.
+/// Follows the vortices of successive frames. A track takes at most one candidate a frame, of its
+/// own charge.
 ///
 /// A track's score is the logarithm of the odds that it is a vortex. A candidate of probability p
-/// at z adds ln[p/(1 − p) · N(z)/ρ], N the density predicted by its Kalman filter and ρ the density
-/// of vortices; a miss adds ln(1 − P_D): the sequential test of D. B. Reid, IEEE Trans. Autom.
-/// Control 24, 843 (1979), and S. Blackman and R. Popoli, Design and Analysis of Modern Tracking
-/// Systems (1999). So candidates far too unlikely to be reported make a vortex when they follow one
-/// another. A track is confirmed, and gets its number, when the odds of clutter coming that far are
-/// those of false_tracks_per_frame: by Ville's inequality e^score is a bound on them. ρ, P_D and
-/// the drift common to all are learnt from what is seen.
+/// at z adds ln[p/(1 − p) · N(z)/ρ], where N is the density predicted by the track's Kalman filter
+/// and ρ the density of vortices. A miss adds ln(1 − P_D). This is the sequential test of D. B.
+/// Reid, IEEE Trans. Autom. Control 24, 843 (1979), and S. Blackman and R. Popoli, Design and
+/// Analysis of Modern Tracking Systems (1999). Candidates far too unlikely to be reported alone
+/// thus make a vortex when they follow one another. A track is confirmed, and gets its number, when
+/// clutter would come so far only as often as false_tracks_per_frame says: by Ville's inequality
+/// e^−score bounds that probability. ρ, P_D and the drift common to all are learnt from what is
+/// seen.
 class VortexTracker {
  public:
-  /// For [lenslet_rows, lenslet_cols] lenslets and at most `capacity` tracks at once, tentative
-  /// ones too. Throws UsageError on options out of range.
+  /// Tracks over [lenslet_rows, lenslet_cols] lenslets, at most `capacity` tracks at once,
+  /// tentative ones included. Throws UsageError where an option is out of its range.
   VortexTracker(const TrackerOptions& options, int lenslet_rows, int lenslet_cols,
                 std::size_t capacity);
 
-  /// In: a detector's candidates, however unlikely, at most 4·capacity of them count. Out: the
-  /// vortices of confirmed tracks, older ones first, and what min_probability_single lets pass:
-  /// position and its covariance filtered, velocity, probability by all frames so far. A track
-  /// that was not seen in this frame is flagged kVortexPredicted. Unresolved pairs (charge 0) pass
-  /// unless two tracks tell of them; they keep tracks alive. A step back in time, or a long gap,
-  /// begins anew. What the list counts as overflow, and is short of, stays counted.
+  /// Replaces a detector's candidates by what is tracked. On entry `vortices` holds the candidates,
+  /// however unlikely; at most 4·capacity of them count. On return it holds the vortices of
+  /// confirmed tracks, older ones first, and what min_probability_single lets pass. Their position
+  /// and its covariance are filtered, they have a velocity, and their probability is that by all
+  /// frames so far. A track that was not seen in this frame is flagged kVortexPredicted. Unresolved
+  /// pairs (charge 0) pass unless two tracks already stand for them; they keep tracks alive. A step
+  /// back in time, or a long gap, begins anew. The list's overflow keeps what it counted, and what
+  /// does not fit now is added.
   void update(double time_s, VortexList& vortices) noexcept;
-  /// Forgets everything but the numbers already given: they are never given again.
+  /// Forgets everything but the numbers already given, which are never given again.
   void reset() noexcept;
-  /// The number of the next track that is confirmed; 0 unless said. Not below what was given.
+  /// Sets the number of the next track that is confirmed; it is 0 by default. It must not be below
+  /// numbers already given.
   void number_from(std::int64_t first) noexcept { next_id_ = first; }
 
-  /// Candidates that found no room for a track, ever.
+  /// Returns how many candidates ever found no room for a track.
   std::int64_t overflow() const { return overflow_; }
-  /// The drift common to all, pitches a second; 0 while unknown.
+  /// Returns the drift common to all, in pitches a second, and 0 while it is not known.
   std::array<float, 2> drift() const { return {motion_.drift().x(), motion_.drift().y()}; }
 
  private:
   struct Track {
     MotionState state;
-    Vortex last;           // candidate
-    std::int64_t id = -1;  // −1: not confirmed
+    Vortex last;           // last candidate
+    std::int64_t id = -1;  // −1 if not confirmed
     float score = 0;       // ln of the odds
-    float evidence = 0;    // mean of the candidates' ln odds
-    std::int32_t age = 0;  // frames
+    float evidence = 0;    // mean log odds of the candidates
+    std::int32_t age = 0;  // in frames
     std::int32_t charge = 0;
-    std::int32_t seen = -1;  // candidate of this frame
+    std::int32_t seen = -1;  // candidate of this frame, or −1
   };
   struct Observation {
     float log_odds = 0;
-    float birth_log_odds = 0;  // that it is one no track has yet
+    float birth_log_odds = 0;  // for a vortex that no track has yet
     Eigen::Matrix2f covariance = Eigen::Matrix2f::Zero();
     std::int32_t track = -1;
   };
@@ -90,12 +96,12 @@ class VortexTracker {
   std::size_t n_tracks_ = 0;
   std::vector<Observation> observations_;  // [4·capacity]
   std::size_t n_observations_ = 0;
-  std::vector<std::int32_t> rows_of_charge_;  // tracks and observations of the charge in hand
+  std::vector<std::int32_t> rows_of_charge_;  // tracks of the charge being assigned
   std::vector<std::int32_t> cols_of_charge_;
-  std::vector<std::int32_t> likely_;  // observations
-  std::vector<float> velocity_x_;     // of the tracks that tell the drift
+  std::vector<std::int32_t> likely_;  // observations that may be a partner
+  std::vector<float> velocity_x_;     // velocities of the tracks that tell the drift
   std::vector<float> velocity_y_;
-  std::vector<Vortex> pairs_;  // of charge 0, this frame's
+  std::vector<Vortex> pairs_;  // candidates of charge 0 in this frame
   std::size_t n_pairs_ = 0;
   Assignment assignment_;
   VortexMotion motion_;
@@ -103,7 +109,7 @@ class VortexTracker {
   std::int64_t next_id_ = 0;
   std::int64_t overflow_ = 0;
   double time_s_ = 0;
-  int frames_ = 0;       // since the beginning
+  int frames_ = 0;       // since the last reset
   float density_ = 0;    // vortices of one charge a square pitch
   float detection_ = 0;  // P_D
   float births_ = 0;     // candidates a frame that begin tracks

@@ -7,13 +7,15 @@
 namespace curlew {
 namespace {
 
-constexpr float kBrightFraction = 0.3F;  // of the mean flux: lenslets that tell the noise
+constexpr float kBrightFraction = 0.3F;  // of the mean flux; brighter lenslets tell the noise
 
-// Of values, not references: a loop with std::max makes no vectors.
+// These take values and not references, because of a loop with std::max the compiler makes no
+// vectors.
 inline float larger(float a, float b) noexcept { return a < b ? b : a; }
 inline float smaller(float a, float b) noexcept { return b < a ? b : a; }
 
-// ln(1+t) on [0, 1), minimax to 7e-5 and exact at 0 and, with ln 2, at 1.
+// The polynomial is ln(1+t) on [0, 1), minimax to 7e-5. It is exact at t = 0 and, with ln 2, at t =
+// 1.
 inline float log_of(float x) noexcept {
   const auto bits = std::bit_cast<std::int32_t>(x);
   const auto exponent = static_cast<float>((bits >> 23) - 127);
@@ -24,7 +26,8 @@ inline float log_of(float x) noexcept {
   return 0.69314718F * exponent + series;
 }
 
-/// The rows of planes that a row of nodes takes. Of lenslets only the nodes' own.
+/// Points to the rows of planes that a row of nodes takes. Of the lenslets it has only the nodes'
+/// own.
 struct NodeRow {
   NodeRow(const WhitenedPlanes& planes, int row) {
     for (int i = 0; i < 3; ++i) {
@@ -43,13 +46,14 @@ struct NodeRow {
   const float* lower;
 };
 
-/// Σ⁻¹m, by the cells' places.
+/// Holds Σ⁻¹m, named by the cells' places.
 struct Weights {
   float nw, n, ne, w, c, e, sw, s, se;
 };
 
-/// Cells share a lenslet across a corner only, and then Σ has minus its half variance; so Σ falls
-/// apart into the centre with the corners, an arrow, and the four sides, a ring.
+/// Returns Σ⁻¹m. Two cells have a covariance only if they share a lenslet across a corner; it is
+/// minus half that lenslet's variance. Therefore Σ falls apart into two: the centre with the
+/// corners, which is an arrow, and the four sides, which are a ring.
 inline Weights solve(const NodeRow& row, const VortexPattern& m, std::size_t i) noexcept {
   const float h_nw = row.upper[i], h_ne = row.upper[i + 1];
   const float h_sw = row.lower[i], h_se = row.lower[i + 1];
@@ -91,14 +95,14 @@ inline float information_of(const VortexPattern& m, const Weights& x) noexcept {
          m.corner * ((x.nw + x.ne) + (x.sw + x.se));
 }
 
-/// wᵀΣw of white slopes of variance 1.
+/// Returns wᵀΣw for white slopes of variance 1.
 inline float white_variance(const Weights& x) noexcept {
   const float squares = x.c * x.c + ((x.n * x.n + x.s * x.s) + (x.w * x.w + x.e * x.e)) +
                         ((x.nw * x.nw + x.ne * x.ne) + (x.sw * x.sw + x.se * x.se));
   return 2.0F * squares - x.c * ((x.nw + x.ne) + (x.sw + x.se)) - (x.n + x.s) * (x.w + x.e);
 }
 
-/// Sums in an order that makes vectors: eight side by side.
+/// Keeps eight partial sums side by side, so that the compiler makes vectors of them.
 class LaneSum {
  public:
   /// Adds value(k) for k in [0, n).
@@ -141,7 +145,7 @@ void measure_brightness(const Image<float>& flux_adu, const Image<std::uint8_t>&
   }
 }
 
-/// The noise of a slope of mean flux, from the bright lenslets.
+/// Measures the noise of a slope of mean flux, from the bright lenslets.
 void measure_noise(const SlopeField& slopes, const Image<float>& flux_adu,
                    WhitenedPlanes& planes) noexcept {
   const float minimum = kBrightFraction * planes.mean_flux_adu;
@@ -292,8 +296,9 @@ NodeFilter filter_at(const WhitenedPlanes& planes, const VortexPattern& pattern,
 
 float noise_variance(const SlopeField& slopes, const NodeFilter& filter, int row,
                      int col) noexcept {
-  // Of the 4×4 lenslets (i, j) round the node, weights of `main` and `anti`: those of the cells
-  // that add it less those of the cells that take it.
+  // These are the weights of `main` and `anti` of the 4×4 lenslets (i, j) round the node: the
+  // weight of the cell in which each counts positive, less that of the cell in which it counts
+  // negative.
   const auto weight = [&](int i, int j) {
     if (i < 0 || i > 2 || j < 0 || j > 2) return 0.0F;
     return filter.weights[3 * static_cast<std::size_t>(i) + static_cast<std::size_t>(j)];
@@ -307,7 +312,7 @@ float noise_variance(const SlopeField& slopes, const NodeFilter& filter, int row
       const float main = weight(i, j) - weight(i - 1, j - 1);
       const float anti = weight(i, j - 1) - weight(i - 1, j);
       const float x = main + anti;  // twice the weight of s_x
-      const float y = anti - main;  // and of s_y
+      const float y = anti - main;  // twice the weight of s_y
       variance += 0.25F * (x * x * slopes.variance_x(r, c) + y * y * slopes.variance_y(r, c)) +
                   0.5F * x * y * slopes.covariance_xy(r, c);
     }

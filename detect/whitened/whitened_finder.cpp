@@ -16,12 +16,12 @@ namespace {
 
 using Sighting = WhitenedWorkspace::Sighting;
 
-constexpr float kMinLog = 1e-3F;             // rad²: noise below this is none
+constexpr float kMinLog = 1e-3F;             // rad²; less noise counts as none
 constexpr float kFirstLookPart = 0.7F;       // of the threshold, for a t that knows flux alone
-constexpr int kPairReach = 2;                // nodes along an axis between the two of a close pair
+constexpr int kPairReach = 2;                // nodes along an axis between the two of a pair
 constexpr float kWidestPair = 1.25F;         // pitches
-constexpr float kAlike = 0.6F;               // z of the weaker of a pair, over the stronger's
-constexpr float kMaxVariance = 1.0F / 3.0F;  // pitches²: anywhere within a pitch
+constexpr float kAlike = 0.6F;               // least ratio of the z of the two of a pair
+constexpr float kMaxVariance = 1.0F / 3.0F;  // pitches²; may be anywhere within a pitch
 
 void check(const WhitenedOptions& options) {
   if (!(options.min_probability > 0.0 && options.min_probability < 1.0)) {
@@ -42,7 +42,7 @@ void check(const WhitenedOptions& options) {
   }
 }
 
-/// Whether three or four of node (r, c)'s lenslets are there.
+/// Returns whether three or four of node (r, c)'s lenslets are there.
 bool is_node(const Image<std::uint8_t>& valid, int r, int c) noexcept {
   int n = 0;
   for (int i = r; i <= r + 1; ++i)
@@ -50,7 +50,7 @@ bool is_node(const Image<std::uint8_t>& valid, int r, int c) noexcept {
   return n >= 3;
 }
 
-/// How t of neighbouring nodes correlates in white slope noise.
+/// Returns how t of neighbouring nodes correlates in white slope noise.
 CellNeighbours correlate(const VortexPattern& pattern) {
   constexpr int kSize = 5;
   constexpr int kMiddle = 1;
@@ -59,7 +59,7 @@ CellNeighbours correlate(const VortexPattern& pattern) {
   WhitenedPlanes planes(kSize, kSize);
   fill_planes(slopes, Image<float>(kSize, kSize, 1.0F), slopes.valid, 1.0F, planes);
   const NodeFilter filter = filter_at(planes, pattern, kMiddle, kMiddle);
-  // Cells correlate 1 with themselves and −¼ across a corner.
+  // A cell's correlation is 1 with itself and −¼ with a cell across a corner.
   const auto covariance = [&](int dr, int dc) {
     double sum = 0.0;
     for (int a = 0; a < 9; ++a) {
@@ -80,7 +80,7 @@ CellNeighbours correlate(const VortexPattern& pattern) {
 }
 
 struct Odds {
-  float offset;  // with the frame's noise
+  float offset;  // includes the term of the frame's noise
   float per_sigma;
   float per_darkness;
   float per_log_information;
@@ -152,7 +152,7 @@ void for_each_near(const WhitenedWorkspace& workspace, const Sighting& sighting,
   }
 }
 
-/// Keeps, of sightings of one sign side by side, the one with the best odds.
+/// Keeps, of sightings of one sign side by side, only the one with the best odds.
 void keep_strongest(WhitenedWorkspace& workspace) noexcept {
   FixedList<Sighting>& seen = workspace.seen;
   for (std::size_t i = 0; i < seen.size(); ++i) {
@@ -181,8 +181,8 @@ struct Offset {
   float y = 0;
 };
 
-/// From the node to the centroid of the 3×3 cells' D of its sign. Slopes count by how much of their
-/// variance is not noise.
+/// Returns the way from the node to the centroid of the 3×3 cells' D of its sign. A slope counts by
+/// the part of its variance that is not noise.
 Offset centroid_of_circulation(const WhitenedPlanes& planes, float clutter_rad2,
                                const Sighting& sighting) noexcept {
   std::array<std::array<float, 4>, 4> main{};
@@ -211,7 +211,8 @@ Offset centroid_of_circulation(const WhitenedPlanes& planes, float clutter_rad2,
   return {sum_x * scale, sum_y * scale};
 }
 
-/// How much brighter the node's lenslets are on the left than on the right, and above than below.
+/// Returns how much brighter the node's lenslets are on the left than on the right, and above than
+/// below.
 Offset slope_of_brightness(const WhitenedPlanes& planes, const Sighting& sighting) noexcept {
   std::array<float, 4> brightness{};
   float sum = 0.0F, n = 0.0F;
@@ -262,7 +263,8 @@ void measure(const WhitenedPlan& plan, const CirculationMap& circulation,
   }
 }
 
-/// Marks opposite sightings that are each other's nearest and cannot be told apart as partners.
+/// Marks two opposite sightings as partners if they cannot be told apart and each is the other's
+/// nearest.
 void pair_up(const WhitenedPlan& plan, WhitenedWorkspace& workspace) noexcept {
   FixedList<Sighting>& seen = workspace.seen;
   const auto sigmas = static_cast<float>(plan.options().pair_sigmas);
@@ -379,7 +381,7 @@ void find_whitened_vortices(const WhitenedPlan& plan, const SlopeField& slopes,
     seen[i].vortex = merge(seen[i].vortex, other.vortex);
     seen[i].log_odds = std::min(seen[i].log_odds, other.log_odds);
     other.partner = -1;
-    other.charge = 0;  // taken
+    other.charge = 0;  // because the pair has taken its place
   }
   std::sort(seen.begin(), seen.end(), [](const Sighting& a, const Sighting& b) {
     if (a.log_odds != b.log_odds) return a.log_odds > b.log_odds;
