@@ -1,4 +1,5 @@
-// The network of the vortex classifier: an encoder of spots, then a judge of 4×4 of them.
+// This file declares the network of the vortex classifier: an encoder of spots, and a head that
+// judges 4×4 of them.
 #pragma once
 
 #include <array>
@@ -12,11 +13,12 @@
 
 namespace curlew {
 
-inline constexpr int kPatch = 4;  ///< lenslets along a side of what is judged at once
+inline constexpr int kPatch = 4;  ///< lenslets along a side of the patch that is judged
 inline constexpr int kPatchLenslets = kPatch * kPatch;
-inline constexpr int kScreenPatch = 2;  ///< likewise of what is screened
+inline constexpr int kScreenPatch = 2;  ///< lenslets along a side of the patch that is screened
 
-/// A layer: outputs = inputs·weights + bias, all but the network's last rectified.
+/// Holds one layer: outputs = inputs·weights + bias. See ClassifierNetwork::rectified() for
+/// negative outputs.
 struct DenseLayer {
   DenseLayer(int n_inputs, int n_outputs);
 
@@ -26,10 +28,10 @@ struct DenseLayer {
   AlignedVector<float> bias;     ///< [outputs]
 };
 
-/// What the network says of a node and one sign of charge.
+/// This is what the network says of a node and one sign of charge.
 struct NodeOutput {
-  float logit;  ///< of the probability that such a vortex lies within .75 pitches
-  float dx;     ///< where it is, from the node, pitches
+  float logit;  ///< logit of the probability that such a vortex lies within .75 pitches
+  float dx;     ///< position of the vortex from the node, pitches
   float dy;
   /// The position's inverse covariance is MᵀM, M = [[exp(log_a), 0], [b, exp(log_c)]].
   float log_a;
@@ -38,23 +40,26 @@ struct NodeOutput {
 };
 inline constexpr int kNodeOutputs = sizeof(NodeOutput) / sizeof(float);
 
-/// What the network says of a node and an opposite pair that no sensor could tell apart.
+/// This is what the network says of a node and an opposite pair that no sensor could tell apart.
 struct PairOutput {
-  float logit;  ///< of the probability that the middle of such a pair lies within .75 pitches
-  float dx;     ///< where the middle is, from the node, pitches
+  float logit;  ///< logit of the probability that such a pair's middle lies within .75 pitches
+  float dx;     ///< position of the middle from the node, pitches
   float dy;
   float log_scale;  ///< the middle's standard deviation along an axis is exp(−log_scale)
 };
 inline constexpr int kPairOutputs = sizeof(PairOutput) / sizeof(float);
-inline constexpr int kFirstPairOutput = 2 * kNodeOutputs;  ///< after both signs
-/// log_a, log_c and log_scale are clamped to these.
+inline constexpr int kFirstPairOutput = 2 * kNodeOutputs;  ///< the PairOutput follows both signs
+/// log_a, log_c and log_scale are clamped to the range between these two.
 inline constexpr float kMinLogScale = -1.0F;
 inline constexpr float kMaxLogScale = 4.0F;
 
-/// Layers of the encoder, kSpotFeatures to kCode numbers; of the head, kPatchLenslets·kCode to two
-/// NodeOutput (charge +1, then −1) and a PairOutput; of the scout, which says from centroids and
-/// circulation alone whether a node deserves the others: kScoutFeatures to a logit and padding; of
-/// the screen, which says so from the codes of the inner kScreenPatch² lenslets alone, likewise.
+/// Holds the layers of four parts:
+/// - The encoder makes kCode numbers of kSpotFeatures.
+/// - The head makes two NodeOutput (charge +1, then −1) and a PairOutput of kPatchLenslets·kCode.
+/// - The scout says from centroids and circulation alone whether a node deserves the others. It
+///   makes a logit and padding of kScoutFeatures.
+/// - The screen says the same from the codes of the inner kScreenPatch² lenslets alone. It makes a
+///   logit and padding of these.
 struct ClassifierNetwork {
   static constexpr int kEncoderEnd = 2;
   static constexpr int kHeadEnd = 5;
@@ -64,21 +69,23 @@ struct ClassifierNetwork {
   static constexpr int kCode = kOutputs[kEncoderEnd - 1];
   static constexpr int kWidest = kPatchLenslets * kCode;
 
-  /// Whether a layer's outputs are made positive: all but those that are answers.
+  /// Returns whether negative outputs of a layer become 0. Those of all layers do, but for the
+  /// layers that give the answers.
   static constexpr bool rectified(int layer) {
     return layer + 1 != kHeadEnd && layer + 1 != kScoutEnd && layer + 1 != kLayers;
   }
 
   ClassifierNetwork();
-  /// From the numbers of all layers in order, weights before biases. Throws Failure on another
-  /// count than number_count().
+  /// Takes the numbers of all layers in order, weights before biases. Throws Failure if their count
+  /// is not number_count().
   explicit ClassifierNetwork(std::span<const float> numbers);
   static std::size_t number_count();
 
   std::vector<DenseLayer> layers;
 };
 
-/// The network that comes with the program; the file of its weights says how it was trained.
+/// Returns the network that comes with the program. The file of its weights says how it was
+/// trained.
 ClassifierNetwork shipped_classifier_network();
 
 }  // namespace curlew

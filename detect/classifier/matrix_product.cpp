@@ -1,4 +1,4 @@
-// Compiled once for every instruction set and chosen at run time (Highway).
+// Highway compiles this file once for every instruction set and chooses one at run time.
 #include "detect/classifier/matrix_product.h"
 
 #include <cassert>
@@ -8,7 +8,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "detect/classifier/matrix_product.cpp"
 #include "hwy/foreach_target.h"
-// foreach_target.h comes first.
+// Highway needs foreach_target.h before the headers below.
 
 #include "detect/classifier/row_tiles-inl.h"
 #include "hwy/highway.h"
@@ -19,7 +19,8 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// kRows rows by kVectors (1 or 2) vectors of columns, kept in registers over the whole inner sum.
+/// Multiplies kRows rows by kVectors (1 or 2) vectors of columns, which stay in registers over the
+/// whole inner sum.
 template <int kRows, int kVectors, class D, class V = hn::Vec<D>>
 HWY_INLINE void multiply_tile(D d, StridedMatrix a, const float* HWY_RESTRICT b, const float* bias,
                               int inner, int columns, bool rectify, float* HWY_RESTRICT c) {
@@ -31,7 +32,8 @@ HWY_INLINE void multiply_tile(D d, StridedMatrix a, const float* HWY_RESTRICT b,
   V left0 = start0, left1 = start0, left2 = start0, left3 = start0, left4 = start0, left5 = start0;
   V right0 = start1, right1 = start1, right2 = start1, right3 = start1, right4 = start1,
     right5 = start1;
-  // A pointer a row, which compilers keep in registers where they would not keep products.
+  // Each row has a pointer of its own, because compilers keep pointers in registers where they
+  // would not keep products.
   const auto row_at = [&](int row) { return a.data + row * a.row_step; };
   const float* row0 = row_at(0);
   const float* row1 = row_at(kRows > 1 ? 1 : 0);

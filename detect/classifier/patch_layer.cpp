@@ -1,4 +1,4 @@
-// Compiled once for every instruction set and chosen at run time (Highway).
+// Highway compiles this file once for every instruction set and chooses one at run time.
 #include "detect/classifier/patch_layer.h"
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "detect/classifier/patch_layer.cpp"
 #include "hwy/foreach_target.h"
-// foreach_target.h comes first.
+// Highway needs foreach_target.h before the headers below.
 
 #include "detect/classifier/row_tiles-inl.h"
 #include "hwy/contrib/math/math-inl.h"
@@ -26,7 +26,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 void round_all(const float* from, int n, std::int16_t* to) {
   for (int i = 0; i < n; ++i) {
-    // In this order NaN, too, becomes the most.
+    // With the arguments of min in this order, NaN becomes kMaxCode, too.
     to[i] = static_cast<std::int16_t>(
         std::min(static_cast<float>(kMaxCode), from[i] * kCodeSteps + 0.5F));
   }
@@ -63,7 +63,7 @@ void multiply_all(const PatchLayer& layer, const std::int16_t* codes, std::ptrdi
 
 #else
 
-/// kRows patches by 2 vectors of outputs, kept in registers over the whole sum.
+/// Multiplies kRows patches by 2 vectors of outputs, which stay in registers over the whole sum.
 template <int kRows, class D>
 HWY_INLINE void multiply_tile(D d, const PatchLayer& layer, int output, const std::int16_t* codes,
                               std::ptrdiff_t row_step, const std::int32_t* starts,
@@ -72,7 +72,7 @@ HWY_INLINE void multiply_tile(D d, const PatchLayer& layer, int output, const st
   const hn::Repartition<std::int16_t, D> to_pairs;
   using Sum = hn::Vec<decltype(to_sum)>;
   using Pairs = hn::Vec<decltype(to_pairs)>;
-  struct Tile {  // even and odd codes where the instruction set keeps them apart
+  struct Tile {  // sums of even and odd codes, where the instruction set keeps them apart
     Sum left, left_odd, right, right_odd;
   };
   const auto lanes = static_cast<std::ptrdiff_t>(hn::Lanes(d));
@@ -174,7 +174,7 @@ PatchLayer::PatchLayer(const DenseLayer& layer, int patch_rows)
     }
     constexpr double kMaxSum = 0x7FFFFFFF;
     constexpr double kMaxWeight = 0x7FFF;
-    // Rounding adds up to ½ a weight.
+    // Rounding adds at most ½ for each weight.
     const double room = kMaxSum / kMaxCode - 0.5 * layer.inputs;
     const double steps = std::min(room / std::max(sum, 1e-6), kMaxWeight / std::max(maximum, 1e-6));
     for (std::size_t i = 0; i < layer.weights.size() / columns; ++i) {

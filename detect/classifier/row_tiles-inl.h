@@ -1,5 +1,6 @@
-// How a matrix product goes through its rows: as many at once as registers hold.
-// Compiled anew for every instruction set: the guard is Highway's.
+// This file says how a matrix product goes through its rows: as many at once as registers hold.
+//
+// Highway compiles it anew for every instruction set, which is why the include guard toggles.
 #if defined(CURLEW_ROW_TILES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef CURLEW_ROW_TILES_INL_H_
 #undef CURLEW_ROW_TILES_INL_H_
@@ -14,8 +15,8 @@
 HWY_BEFORE_NAMESPACE();
 namespace curlew::HWY_NAMESPACE {
 
-/// Calls tile(rows, first) for n rows, six at a time and then those left, `rows` a constant of its
-/// type.
+/// Calls tile(rows, first) for n rows, six at a time and then those that are left. The type of
+/// `rows` holds its number as a constant.
 template <class Tile>
 HWY_INLINE void in_row_tiles(int n, const Tile& tile) {
   constexpr int kRows = 6;

@@ -1,4 +1,4 @@
-// Compiled once for every instruction set and chosen at run time (Highway).
+// Highway compiles this file once for every instruction set and chooses one at run time.
 #include "detect/classifier/scout_features.h"
 
 #include <cstddef>
@@ -6,7 +6,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "detect/classifier/scout_features.cpp"
 #include "hwy/foreach_target.h"
-// foreach_target.h comes first.
+// Highway needs foreach_target.h before the header below.
 
 #include "hwy/highway.h"
 

@@ -64,7 +64,7 @@ void calibrate_pixels(const SpotCamera& camera, const FrameFormat& format,
   }
 }
 
-/// This says how far the Hermite functions reach to either side of the reference.
+/// Says how far the Hermite functions reach to either side of the reference.
 struct Reach {
   explicit Reach(double pixels_per_lambda_w)
       : px(kReach * pixels_per_lambda_w),
@@ -74,8 +74,8 @@ struct Reach {
   int steps;  ///< These are the steps of the table, kStepsPerPx a pixel, rounded up.
 };
 
-/// Tabulates the Hermite functions. Step by step from −reach.steps on, a row of the table holds all
-/// orders and the lane that is 1.
+/// Tabulates the Hermite functions. The steps run from −reach.steps on. A row of the table holds
+/// all orders at one step, and then the lane that is 1.
 AlignedVector<float> hermite_table(double pixels_per_lambda_w, const Reach& reach) {
   AlignedVector<float> table((2 * static_cast<std::size_t>(reach.steps) + 1) * kProjectionLanes);
   for (int step = -reach.steps; step <= reach.steps; ++step) {
@@ -89,7 +89,7 @@ AlignedVector<float> hermite_table(double pixels_per_lambda_w, const Reach& reac
   return table;
 }
 
-/// These are the pixels of a window within the reach along one axis.
+/// Holds the pixels of a window within the reach along one axis.
 struct ReachedPixels {
   int first;
   std::int32_t n;
@@ -145,7 +145,8 @@ constexpr std::array<int, kSpotFeatures> kMeasuredPlaces = [] {
   int i = 0;
   for (int order = 0; order < kProjectionOrders; ++order) {
     for (int m = 0; m <= order; ++m, ++i) {
-      // Before mode (m, n) there are n rows, of kProjectionOrders modes and ever fewer.
+      // Before mode (m, n) there are n rows of modes. The first has kProjectionOrders, and each
+      // next row has one fewer.
       const int n = order - m;
       places[static_cast<std::size_t>(i)] = n * kProjectionOrders - n * (n - 1) / 2 + m;
     }

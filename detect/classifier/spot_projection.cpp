@@ -1,4 +1,4 @@
-// Compiled once for every instruction set and chosen at run time (Highway).
+// Highway compiles this file once for every instruction set and chooses one at run time.
 #include "detect/classifier/spot_projection.h"
 
 #include <algorithm>
@@ -9,7 +9,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "detect/classifier/spot_projection.cpp"
 #include "hwy/foreach_target.h"
-// foreach_target.h comes first.
+// Highway needs foreach_target.h before the headers below.
 
 #include "hwy/contrib/math/math-inl.h"
 #include "hwy/highway.h"
@@ -22,7 +22,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 using Tag = hn::CappedTag<float, kProjectionLanes>;
 
-/// The signals of the columns [first, first + Lanes) of the frame's row-major pixels.
+/// Returns the signals of the columns [first, first + Lanes) of the frame's row-major pixels.
 template <typename Pixel>
 HWY_INLINE hn::Vec<Tag> read_signals(const ProjectedFrame& frame, std::ptrdiff_t first) {
   const Tag d;
@@ -35,9 +35,10 @@ HWY_INLINE hn::Vec<Tag> read_signals(const ProjectedFrame& frame, std::ptrdiff_t
                  hn::LoadU(d, frame.gains + first));
 }
 
-/// First down the columns, kProjectionLanes of them at a time, onto the orders along y; then these
-/// sums, each times a vector over the orders along x.
-/// sums: [orders along y, kProjectionLanes]; returns the sum of the signal.
+/// Projects a window and returns the sum of its signal. `sums` is [orders along y,
+/// kProjectionLanes]. The signals are first summed down the columns, kProjectionLanes of them at a
+/// time, onto the orders along y. Each of these sums then multiplies a vector over the orders along
+/// x.
 template <typename Pixel>
 HWY_INLINE float project(const ProjectedFrame& frame, const ProjectedWindow& window,
                          float* HWY_RESTRICT sums) {
@@ -49,7 +50,8 @@ HWY_INLINE float project(const ProjectedFrame& frame, const ProjectedWindow& win
   float total = 0.0F;
   const float* along_x = frame.table + window.along_x;
   for (int col = 0; col < window.w; col += kProjectionLanes) {
-    // Whole vectors: columns past the window are read and left, but none past the frame's end.
+    // Whole vectors are read. Columns past the window are read and not used, but nothing is read
+    // past the frame's end.
     const std::ptrdiff_t last_row = window.first + (window.h - 1) * frame.cols + col;
     const std::ptrdiff_t past = std::max<std::ptrdiff_t>(0, last_row + kL - frame.size);
     for (std::ptrdiff_t part = 0; part < kL; part += lanes) {
@@ -125,7 +127,7 @@ void project_each(const ProjectedFrame& frame, const ProjectedWindow* windows,
     const float flux = flux_of(frame, window, project<Pixel>(frame, window, sums.data()));
     fluxes[i] = flux;
     const float even = frame.e_per_count / flux;
-    // Whole vectors; what an order has too many of, the next writes over.
+    // Whole vectors are written. What an order has too many of, the next order overwrites.
     float* to = modes;
     for (std::ptrdiff_t order = 0; order < kProjectionOrders; ++order) {
       const auto factor = hn::Set(d, order % 2 == 1 ? frame.row_sign * even : even);
@@ -148,8 +150,8 @@ void project_all(const ProjectedFrame& frame, const ProjectedWindow* windows,
   }
 }
 
-/// As the network was taught. Vectors run over the orders along x: a row of pixels adds to one
-/// vector (or two of half the width), which then adds to the sums of all orders along y.
+/// Projects a window as in the training. Vectors run over the orders along x. A row of pixels adds
+/// to one vector (or to two of half the width), which then adds to the sums of all orders along y.
 template <class D, typename Pixel>
 float project_taught(D d, const ProjectedFrame& frame, const ProjectedWindow& window,
                      float* HWY_RESTRICT sums) {

@@ -1,4 +1,5 @@
-// The inner loops of SpotFeatures: windows' pixels onto the products of Hermite functions.
+// This file declares the inner loops of SpotFeatures, which project windows' pixels onto products
+// of Hermite functions.
 #pragma once
 
 #include <algorithm>
@@ -10,55 +11,57 @@
 namespace curlew {
 
 inline constexpr int kProjectionOrders = 6;
-inline constexpr int kProjectionLanes = 8;                 ///< of a row of the tables: orders, 1, 0
+inline constexpr int kProjectionLanes = 8;                 ///< of a row of the table: orders, 1, 0
 inline constexpr int kProjectionOnes = kProjectionOrders;  ///< the lane that is 1
-/// Floats that are written past the last window's modes.
+/// So many floats may be written past the last window's modes.
 inline constexpr int kProjectionSlack = kProjectionLanes;
 
-/// What windows of a frame have in common.
+/// Holds what all windows of a frame have in common.
 struct ProjectedFrame {
   const std::byte* pixels = nullptr;
   PixelType pixel_type = PixelType::kU16;
   std::ptrdiff_t cols = 0;
-  std::ptrdiff_t size = 0;         ///< pixels
-  const float* table = nullptr;    ///< [steps, kProjectionLanes] of the functions
-  std::ptrdiff_t table_step = 0;   ///< floats from a pixel to the next
-  float offset = 0;                ///< counts, where `offsets` is none
-  const float* offsets = nullptr;  ///< [frame], with `gains`: signal = (count − offset)·gain
+  std::ptrdiff_t size = 0;         ///< number of pixels
+  const float* table = nullptr;    ///< [steps, kProjectionLanes] Hermite functions
+  std::ptrdiff_t table_step = 0;   ///< floats from one pixel to the next
+  float offset = 0;                ///< in counts, used where `offsets` is null
+  const float* offsets = nullptr;  ///< [frame], used with `gains`: signal = (count − offset)·gain
   const float* gains = nullptr;
   float e_per_count = 1;
-  float row_sign = 1;  ///< of odd orders along y
+  float row_sign = 1;  ///< sign of odd orders along y
 };
 
 struct ProjectedWindow {
   std::int32_t first = 0;  ///< index of the window's first pixel
   std::int32_t w = 0;
   std::int32_t h = 0;
-  std::int32_t along_x = 0;  ///< where in the table the functions at the first column begin
-  std::int32_t along_y = 0;  ///< likewise at the first row
+  std::int32_t along_x = 0;  ///< index in the table of the functions at the first column
+  std::int32_t along_y = 0;  ///< index in the table of the functions at the first row
   float read_noise = 0;      ///< of the whole window, electrons
 };
 
-/// Electrons of a window whose signals sum to `total`, kept off 0 by the read noise alone: the
-/// shape of a spot without noise is known however dark.
+/// Returns the electrons of a window whose signals sum to `total`. Only the read noise keeps them
+/// off 0, because the shape of a spot without noise is known however dark it is.
 inline float flux_of(const ProjectedFrame& frame, const ProjectedWindow& window,
                      float total) noexcept {
   return std::max(frame.e_per_count * total, 0.0F) + window.read_noise + 1e-6F;
 }
 
-/// For each of n windows, which[i] of `windows`: its modes Σ signal·h_m(x)·h_n(y) over its flux,
-/// for m + n < kProjectionOrders, by n, then m, at modes + i·stride; fluxes[i]: its flux. A frame
-/// has kProjectionLanes columns or more.
+/// Projects n windows, of which the i-th is windows[which[i]]. It writes the modes Σ
+/// signal·h_m(x)·h_n(y) over the flux, for m + n < kProjectionOrders, ordered by n and then by m,
+/// from modes + i·stride on, and the flux to fluxes[i]. The frame must have at least
+/// kProjectionLanes columns.
 void project_windows(const ProjectedFrame& frame, const ProjectedWindow* windows,
                      const std::int32_t* which, int n, std::ptrdiff_t stride, float* modes,
                      float* fluxes) noexcept;
 
-/// The same of one window, slower, to the last bit as the network was taught: the flux. Other sums
-/// would make other weights of the same training.
+/// Projects one window more slowly, to the last bit as in the training, and returns its flux. Other
+/// sums would make other weights of the same training.
 float project_window(const ProjectedFrame& frame, const ProjectedWindow& window,
                      float* modes) noexcept;
 
-/// values[i] = log(values[i]), n a multiple of kProjectionLanes, to 4 units in the last place.
+/// Sets values[i] = log(values[i]), to 4 units in the last place; n must be a multiple of
+/// kProjectionLanes.
 void take_logarithms(int n, float* values) noexcept;
 
 }  // namespace curlew

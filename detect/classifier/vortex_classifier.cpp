@@ -17,8 +17,8 @@ namespace {
 constexpr int kCode = ClassifierNetwork::kCode;
 constexpr std::size_t kAnswer = ClassifierNetwork::kOutputs[ClassifierNetwork::kHeadEnd - 1];
 static_assert(kFirstPairOutput + kPairOutputs == kAnswer);
-constexpr float kMinLogit = -4.0F;  // seen from one node: below this it is nothing
-constexpr int kWord = 8;            // bytes of `wanted` that are looked at together
+constexpr float kMinLogit = -4.0F;  // A view with a lower logit is dropped.
+constexpr int kWord = 8;            // bytes of `wanted` that are tested together
 
 const ClassifierOptions& checked(const ClassifierOptions& options, const SpotCamera& camera) {
   if (!(options.min_probability > 0.0 && options.min_probability < 1.0)) {
@@ -35,8 +35,8 @@ const ClassifierOptions& checked(const ClassifierOptions& options, const SpotCam
   return options;
 }
 
-/// Layers [first, last) of n samples in `in`, which comes out in the pointer returned. Both buffers
-/// are used.
+/// Applies layers [first, last) to n samples in `in`. Returns the buffer that holds the result;
+/// both buffers are used.
 const float* apply_layers(const ClassifierNetwork& network, int first, int last, int n, float* in,
                           float* out) noexcept {
   for (int i = first; i < last; ++i) {
@@ -48,7 +48,7 @@ const float* apply_layers(const ClassifierNetwork& network, int first, int last,
   return in;
 }
 
-/// Nodes whose four lenslets are there, but for one at most, and which the scout thinks worth it.
+/// Chooses the nodes of which at most one lenslet is missing and to which the scout gives enough.
 void choose_nodes(const ClassifierPlan& plan, const Centroids& centroids,
                   const CirculationMap& circulation, float mean,
                   ClassifierWorkspace& workspace) noexcept {
@@ -75,7 +75,7 @@ void choose_nodes(const ClassifierPlan& plan, const Centroids& centroids,
   }
 }
 
-/// Lists the lenslets of all nodes' patches, of `size` lenslets a side, that were not listed
+/// Lists the lenslets of all nodes' patches, of `size` lenslets a side, unless they were listed
 /// before.
 void gather_lenslets(const ClassifierPlan& plan, int size,
                      ClassifierWorkspace& workspace) noexcept {
@@ -166,7 +166,8 @@ const float kMaxScale = std::exp(kMaxLogScale);
 
 float scale_of(float exponential) noexcept { return std::clamp(exponential, kMinScale, kMaxScale); }
 
-/// exponentials: of what is logarithms in output.
+/// Returns the vortex of a node's output. `exponentials` holds the exponentials of the members of
+/// `output`, of which logit, log_a and log_c are used.
 Vortex vortex_of(const NodeOutput& output, const NodeOutput& exponentials, int charge, int row,
                  int col) noexcept {
   const float inverse_a = 1.0F / scale_of(exponentials.log_a);
@@ -191,8 +192,8 @@ Vortex vortex_of(const PairOutput& output, const PairOutput& exponentials, int r
   return vortex;
 }
 
-/// Where the patches of n nodes begin in the map of codes, which begins one lenslet before the
-/// array, as a patch does before its node.
+/// Finds where the patches of n nodes begin in the map of codes. The map begins one lenslet before
+/// the array, as a patch does before its node.
 void find_patches(const ClassifierPlan& plan, const std::int32_t* nodes, int n, int row_step,
                   std::int32_t* starts) noexcept {
   const int node_cols = plan.cols() - 1;
@@ -200,7 +201,7 @@ void find_patches(const ClassifierPlan& plan, const std::int32_t* nodes, int n, 
     starts[i] = nodes[i] / node_cols * row_step + nodes[i] % node_cols * kCode;
 }
 
-/// Keeps the nodes whose inner lenslets look like it.
+/// Keeps only the nodes to which the screen gives enough by their inner lenslets.
 void screen_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noexcept {
   constexpr int kFirst = ClassifierNetwork::kScoutEnd;
   constexpr int kInset = (kPatch - kScreenPatch) / 2;
@@ -228,7 +229,7 @@ void screen_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) no
   nodes.shorten(kept);
 }
 
-/// The head's answers of n nodes.
+/// Returns the head's answers for n nodes.
 const float* judge_patches(const ClassifierPlan& plan, const std::int32_t* nodes, int n,
                            ClassifierWorkspace& workspace) noexcept {
   constexpr int kFirst = ClassifierNetwork::kEncoderEnd;
@@ -295,7 +296,9 @@ ClassifierPlan::ClassifierPlan(const ClassifierOptions& options, const SpotCamer
       judging_(network_.layers[ClassifierNetwork::kEncoderEnd], kPatch),
       screening_(network_.layers[ClassifierNetwork::kScoutEnd], kScreenPatch),
       pixels_per_lambda_w_(static_cast<float>(camera.pixels_per_lambda_w)) {
-  DenseLayer& scouting = network_.layers[ClassifierNetwork::kHeadEnd];  // its first input is 1
+  // The first input of the scout's first layer is 1, so that its bias can be added to that input's
+  // weights.
+  DenseLayer& scouting = network_.layers[ClassifierNetwork::kHeadEnd];
   for (std::size_t i = 0; i < scouting.bias.size(); ++i)
     scouting.weights[i] += std::exchange(scouting.bias[i], 0.0F);
   AlignedVector<float> a(kSpotFeatures + 64, 0.0F);
@@ -305,7 +308,8 @@ ClassifierPlan::ClassifierPlan(const ClassifierOptions& options, const SpotCamer
   missing_code_.assign(code, code + kCode);
   missing_rounded_.resize(kCode);
   round_codes(code, kCode, missing_rounded_.data());
-  if (!options_.as_trained) {  // the first layer takes features as measure_many has them
+  // The first layer then takes the features in the order of measure_many().
+  if (!options_.as_trained) {
     DenseLayer& measuring = network_.layers.front();
     const AlignedVector<float> weights = measuring.weights;
     const auto outputs = static_cast<std::size_t>(measuring.outputs);

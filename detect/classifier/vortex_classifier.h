@@ -1,4 +1,5 @@
-// The accurate detector: a small trained network looks at the spots round every likely node.
+// This file declares the accurate detector, `classifier`: a small trained network looks at the
+// spots round every likely node.
 #pragma once
 
 #include <cstddef>
@@ -21,20 +22,24 @@ inline constexpr double kEveryNode = -1e29;
 
 struct ClassifierOptions {
   double min_probability = 0.5;  ///< less likely vortices are not reported; in (0, 1)
-  /// Nodes that the scout gives less, a logit, are not judged. Below kEveryNode it stops none.
+  /// Nodes to which the scout gives a lower logit than this are not judged. At kEveryNode or below,
+  /// the scout stops none.
   double min_scout = -2.0;
-  /// Nor those that the screen gives less, likewise.
+  /// Nodes to which the screen gives a lower logit than this are not judged. At kEveryNode or
+  /// below, there is no screen.
   double min_screen = -2.5;
-  /// Sums in the order and to the precision of the training, and no screen; slower. Probabilities
-  /// differ by less than .01, but where a spot's signal is not above 0 and its noise not known.
+  /// If true, the classifier sums in the order and to the precision of the training and has no
+  /// screen, which is slower. Probabilities differ by less than .01, except where a spot's signal
+  /// is not above 0 and its noise is not known.
   bool as_trained = false;
 };
 
-/// All that follows from sensor, frame format, options and network. Const after construction.
+/// The plan holds all that follows from sensor, frame format, options and network. It is const
+/// after construction.
 class ClassifierPlan {
  public:
-  /// Throws UsageError on options out of range and Failure as SpotFeatures does, and on fewer than
-  /// 2×2 lenslets.
+  /// Throws UsageError where an option is out of its range, and Failure as SpotFeatures does and
+  /// where there are fewer than 2×2 lenslets.
   ClassifierPlan(const ClassifierOptions& options, const SpotCamera& camera,
                  const FrameFormat& format,
                  ClassifierNetwork network = shipped_classifier_network());
@@ -42,16 +47,16 @@ class ClassifierPlan {
   const ClassifierOptions& options() const { return options_; }
   const SpotFeatures& features() const { return features_; }
   const ClassifierNetwork& network() const { return network_; }
-  int rows() const { return features_.rows(); }  ///< lenslets
+  int rows() const { return features_.rows(); }  ///< in lenslets
   int cols() const { return features_.cols(); }
   float pixels_per_lambda_w() const { return pixels_per_lambda_w_; }
-  /// The first layers of head and screen in fixed point.
+  /// Return the first layers of head and screen in fixed point.
   const PatchLayer& judging() const { return judging_; }
   const PatchLayer& screening() const { return screening_; }
-  /// The encoding of a lenslet that is not there, [ClassifierNetwork::kCode].
+  /// Return the code of a missing lenslet, [ClassifierNetwork::kCode].
   const float* missing_code() const { return missing_code_.data(); }
   const std::int16_t* missing_rounded() const { return missing_rounded_.data(); }
-  /// Whether nodes are screened before they are judged.
+  /// Returns whether nodes are screened before they are judged.
   bool screens() const { return options_.min_screen > kEveryNode && !options_.as_trained; }
 
  private:
@@ -65,7 +70,7 @@ class ClassifierPlan {
   AlignedVector<std::int16_t> missing_rounded_;
 };
 
-/// Buffers of one frame, made once. Padded maps are one lenslet wider all round.
+/// These are the buffers of one frame, made once. Padded maps are one lenslet wider all round.
 struct ClassifierWorkspace {
   explicit ClassifierWorkspace(const ClassifierPlan& plan);
 
@@ -73,22 +78,22 @@ struct ClassifierWorkspace {
 
   ScoutWorkspace scout;
   Image<std::int16_t> codes;         ///< padded, [rows + 2, (cols + 2)·kCode], in 1/kCodeSteps
-  Image<float> exact_codes;          ///< the same as floats, where options.as_trained
-  Image<std::uint8_t> wanted;        ///< padded, and to 8 columns: 1 wanted, 3 listed
-  FixedList<std::int32_t> nodes;     ///< judged, row·(cols − 1) + col
-  FixedList<std::int32_t> lenslets;  ///< encoded last
-  int encoded = 0;                   ///< lenslets, in all
-  AlignedVector<float> a;            ///< a chunk between layers
+  Image<float> exact_codes;          ///< codes as floats, where options.as_trained
+  Image<std::uint8_t> wanted;        ///< padded, and to a multiple of 8 columns: 1 wanted, 3 listed
+  FixedList<std::int32_t> nodes;     ///< nodes to be judged, row·(cols − 1) + col
+  FixedList<std::int32_t> lenslets;  ///< lenslets encoded last
+  int encoded = 0;                   ///< number of lenslets encoded in all
+  AlignedVector<float> a;            ///< numbers of a chunk between layers
   AlignedVector<float> b;
-  AlignedVector<float> exponentials;  ///< of what the head says of a chunk
+  AlignedVector<float> exponentials;  ///< exponentials of the head's answers for a chunk
   VortexViews views;
 };
 
-/// Vortices of one frame, the surest first; `vortices` is cleared first. Never allocates.
-/// An opposite pair nearer than about a pitch is one entry of charge 0 with kVortexUnresolvedPair,
-/// where that is likelier than either of the two alone. Its probability is that of such a pair.
-/// Lenslets that is_missing (vortex_scout.h) are left out, and nodes with two or more of those
-/// among their four.
+/// Finds the vortices of one frame, the surest first; `vortices` is cleared first. It never
+/// allocates. An opposite pair nearer than about a pitch is one entry of charge 0 with
+/// kVortexUnresolvedPair where that is likelier than either of the two alone; its probability is
+/// that of such a pair. Lenslets that are missing by is_missing() (vortex_scout.h) are left out. So
+/// are nodes of which two or more of the four lenslets are missing.
 void find_classified_vortices(const ClassifierPlan& plan, FrameView frame,
                               const Centroids& centroids, const CirculationMap& circulation,
                               ClassifierWorkspace& workspace, VortexList& vortices) noexcept;

@@ -10,9 +10,9 @@
 namespace curlew {
 namespace {
 
-constexpr float kHalfBright = 0.2F;      // of the mean flux
-constexpr float kWidestSpread = 2.0F;    // (λ/w)²: wider is all the same
-constexpr float kMaxCirculation = 4.0F;  // rad, likewise
+constexpr float kHalfBright = 0.2F;      // of the mean flux; its brightness is ½
+constexpr float kWidestSpread = 2.0F;    // (λ/w)²; all that is wider counts the same
+constexpr float kMaxCirculation = 4.0F;  // rad; all that is more counts the same
 
 int padded(int nodes) { return (nodes + kScoutLanes - 1) / kScoutLanes * kScoutLanes; }
 
@@ -108,7 +108,7 @@ void scout_nodes(const ClassifierNetwork& network, ScoutWorkspace& workspace) no
   std::fill(workspace.bias.begin(), workspace.bias.end(), second.bias[0]);
   for (int row = 0; row < workspace.logits.rows(); ++row) {
     describe_nodes(row, workspace);
-    // Turned about: the nodes are the columns.
+    // The product is turned about: the nodes are its columns.
     multiply({first.weights.data(), 1, first.outputs}, workspace.features.data(), nullptr,
              first.outputs, first.inputs, stride, true, workspace.hidden.data());
     multiply({second.weights.data(), 1, second.outputs}, workspace.hidden.data(),

@@ -1,4 +1,5 @@
-// Which nodes deserve a closer look: what centroids and circulation alone say of every node.
+// This file declares the scout. From centroids and circulation alone it says for every node whether
+// it deserves a closer look.
 #pragma once
 
 #include "core/centroids.h"
@@ -8,41 +9,41 @@
 
 namespace curlew {
 
-/// Whether the classifier can make nothing of such a lenslet. Faint spots and those at the window's
-/// edge are not missing, their pixels count.
+/// Returns whether a lenslet is of no use for the classifier. Faint spots and those at the window's
+/// edge are not missing, because their pixels count.
 inline bool is_missing(LensletState state) noexcept {
   return (state == LensletState::kUnlit) | (state == LensletState::kSaturated) |
          (state == LensletState::kBadPixels);
 }
 
-/// Buffers of one frame, made once. Rows are padded, those of nodes to
-/// `stride` columns.
+/// These are the buffers of one frame, made once. Rows are padded, and those of nodes to `stride`
+/// columns.
 struct ScoutWorkspace {
-  ScoutWorkspace(int rows, int cols);  // of lenslets
+  ScoutWorkspace(int rows, int cols);  // in lenslets
 
-  Image<float> brightness;  ///< [rows, ≥ cols]: flux r over the mean as r/(r + .2); missing: r = 1
-  Image<float> spread;      ///< [rows, ≥ cols]: second moments, (λ/w)²; missing: 0
-  Image<float> circulation;   ///< [rows + 1, ≥ cols + 1]: D with a rim of zeros, within ±4 rad
-  Image<float> noise;         ///< [rows − 1, ≥ cols]: the variance v of D, rad², as v/(v + 1)
-  Image<float> features;      ///< [kScoutFeatures, stride] of a row of nodes
-  Image<float> hidden;        ///< [the scout's hidden layer, stride], likewise
+  Image<float> brightness;    ///< [rows, ≥ cols] r/(r + .2) of flux over mean r; missing: r = 1
+  Image<float> spread;        ///< [rows, ≥ cols] second moments, (λ/w)²; 0 where missing
+  Image<float> circulation;   ///< [rows + 1, ≥ cols + 1] D within ±4 rad, with a rim of zeros
+  Image<float> noise;         ///< [rows − 1, ≥ cols] v/(v + 1) of the variance v of D, rad²
+  Image<float> features;      ///< [kScoutFeatures, stride] for one row of nodes
+  Image<float> hidden;        ///< [the scout's hidden layer, stride] for one row of nodes
   Image<float> logits;        ///< [rows − 1, stride]
-  AlignedVector<float> bias;  ///< [stride], of the logits
+  AlignedVector<float> bias;  ///< [stride] for the logits
 };
 
-/// Of the lenslets not missing, ADU; 0 without any.
+/// Returns the mean flux of the lenslets that are not missing, in ADU, and 0 where there are none.
 float mean_flux(const Centroids& centroids) noexcept;
 
-/// Fills the maps.
+/// Fills the maps of brightness, spread, circulation and noise.
 void describe_lenslets(const Centroids& centroids, const CirculationMap& circulation,
                        float mean_flux_adu, float pixels_per_lambda_w,
                        ScoutWorkspace& workspace) noexcept;
 
-/// Fills `features` of a row of nodes, after describe_lenslets.
+/// Fills `features` of a row of nodes; describe_lenslets() must come first.
 void describe_nodes(int row, ScoutWorkspace& workspace) noexcept;
 
-/// Fills `logits`, after describe_lenslets. The network's first scouting layer must have no bias:
-/// its first input is 1.
+/// Fills `logits`; describe_lenslets() must come first. The network's first scouting layer must
+/// have no bias; its first input is 1 instead.
 void scout_nodes(const ClassifierNetwork& network, ScoutWorkspace& workspace) noexcept;
 
 }  // namespace curlew

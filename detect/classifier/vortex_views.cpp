@@ -25,7 +25,7 @@ float distance_squared(const Vortex& a, const Vortex& b) noexcept {
   return x * x + y * y;
 }
 
-/// This merges the views of one frame into vortices.
+/// Merges the views of one frame into vortices.
 class ViewMerger {
  public:
   ViewMerger(const CirculationMap& circulation, VortexViews& views) noexcept

@@ -1,4 +1,4 @@
-// One vortex out of the views that the nodes round it have of it.
+// This file declares how the views that several nodes have of one vortex are merged into one.
 #pragma once
 
 #include <cstddef>
@@ -10,28 +10,30 @@
 
 namespace curlew {
 
-/// A vortex, or an unresolved pair (charge 0), seen from one node.
+/// This is a view: a vortex, or an unresolved pair (charge 0), seen from one node.
 struct NodeVortex {
   Vortex vortex;
-  float precision = 0;  ///< 1 / mean variance of the position; negative once reported
+  float precision = 0;  ///< 1/(mean variance of the position); negative once it is reported
   std::int32_t row = 0;
   std::int32_t col = 0;
 };
 
-/// Buffers of one frame, made once.
+/// These are the buffers of one frame, made once.
 struct VortexViews {
   VortexViews(int node_rows, int node_cols);
 
-  /// From each node at most one of each charge, by node.
+  /// The views are in the order of the nodes. A node has at most one of each charge.
   FixedList<NodeVortex> seen;
-  FixedList<std::int32_t> likely;  ///< of those seen, likely enough to be reported
-  Image<std::int32_t> seen_at;  ///< [3·node rows, node cols], by charge + 1: index in seen, or −1,
-                                ///< as between frames everywhere
+  FixedList<std::int32_t> likely;  ///< indices of the views that are likely enough to be reported
+  /// This is [3·node rows, node cols], by charge + 1. It holds the index in `seen`, or −1. Between
+  /// frames it holds −1 everywhere.
+  Image<std::int32_t> seen_at;
 };
 
-/// The surest views in turn: each is reported unless a surer one is the same vortex, or was a pair
-/// where this is a vortex, or the other way about. Its position is the mean of all views of it,
-/// weighted by probability and precision; circulation and significance are the node's. Appends.
+/// Reports the surest views one after the other, and appends them to `vortices`. A view is not
+/// reported if a surer one is the same vortex, nor if a surer one is a pair where this is a vortex,
+/// or a vortex where this is a pair. The position is the mean of all views of the vortex, weighted
+/// by probability and precision. Circulation and significance are the node's.
 void report_vortices(const CirculationMap& circulation, double min_probability, VortexViews& views,
                      VortexList& vortices) noexcept;
 

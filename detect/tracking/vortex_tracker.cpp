@@ -189,7 +189,7 @@ void VortexTracker::observe(const VortexList& candidates) noexcept {
 }
 
 /// Sets the log odds that a candidate is a new vortex. Vortices are born in opposite pairs or come
-/// over the edge. A lone one in the middle has been overlooked before, or is none.
+/// over the edge. A lone one in the middle must have been overlooked before, which is less likely.
 void VortexTracker::weigh_births(const VortexList& candidates) noexcept {
   const auto lone = static_cast<float>(std::log(options_.lone_birth));
   std::size_t n_likely = 0;

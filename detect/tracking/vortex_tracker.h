@@ -39,9 +39,9 @@ class VortexTracker {
   /// confirmed tracks, older ones first, and what min_probability_single lets pass. Their position
   /// and its covariance are filtered, they have a velocity, and their probability is that by all
   /// frames so far. A track that was not seen in this frame is flagged kVortexPredicted. Unresolved
-  /// pairs (charge 0) pass unless two tracks already stand for them; they keep tracks alive. A step
-  /// back in time, or a long gap, begins anew. The list's overflow keeps what it counted, and what
-  /// does not fit now is added.
+  /// pairs (charge 0) pass unless confirmed tracks of both charges lie there; they keep tracks
+  /// alive. A step back in time, or a long gap, begins anew. The list's overflow keeps what it
+  /// counted, and what does not fit now is added.
   void update(double time_s, VortexList& vortices) noexcept;
   /// Forgets everything but the numbers already given, which are never given again.
   void reset() noexcept;

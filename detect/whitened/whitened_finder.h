@@ -1,5 +1,5 @@
-// This file declares the detector `whitened`, which can be understood step by step: a matched
-// filter on circulation, whitened by each lenslet's noise.
+// This file declares the interpretable detector, `whitened`: a matched filter on circulation,
+// whitened by each lenslet's noise.
 #pragma once
 
 #include <cstddef>
@@ -14,8 +14,8 @@
 
 namespace curlew {
 
-/// Numbers that are not explained by their unit were fitted to simulated turbulence, on other
-/// fields than the benchmark's test fields.
+/// The numbers without a unit in their name were fitted to simulated turbulence, on other fields
+/// than the benchmark's test fields.
 struct WhitenedOptions {
   /// This is the mean number of vortices a frame, at most, where there is only slope noise, before
   /// those with too low a probability are left out. It must be more than 0.
@@ -67,9 +67,8 @@ class WhitenedPlan {
   int rows() const { return lenslet_valid_.rows(); }  ///< in lenslets
   int cols() const { return lenslet_valid_.cols(); }
   const Image<std::uint8_t>& lenslet_valid() const { return lenslet_valid_; }
-  int n_nodes() const {
-    return n_nodes_;
-  }  ///< nodes of which the sensor has three or four lenslets
+  /// Returns how many nodes have three or four lenslets that the sensor has.
+  int n_nodes() const { return n_nodes_; }
   /// Returns the |t| that a vortex must exceed, for the stated false alarms of all these nodes.
   float threshold_sigmas() const { return threshold_sigmas_; }
   std::uint32_t flags_when_missing(int row, int col) const {
