@@ -31,7 +31,8 @@ TEST(Config, WhatIsWrittenReadsBack) {
   config.daemon.sensor = "a \"quoted\" \\ name.fits";
   config.camera.trigger = Trigger::kSoftware;
   config.camera.packet_delay_ns = 123456;
-  config.camera.features = {{"LineSelector", "Line1"}, {"LineMode", "Input"}};  // in this order
+  // The order must be kept.
+  config.camera.features = {{"LineSelector", "Line1"}, {"LineMode", "Input"}};
   config.camera.usb.sync = "a55a";
   config.realtime.camera_cpus = {1};
   config.recorder.mode = RecordMode::kTrigger;
@@ -88,7 +89,8 @@ TEST(Config, UnknownKeysNameTheirLine) {
   const std::string error = usage_error("[detect]\nfalse_alarms_per_frame = 1\nfalse_alarm = 2\n");
   EXPECT_NE(error.find("c.toml:3: unknown key 'false_alarm' in [detect]"), std::string::npos)
       << error;
-  EXPECT_NE(error.find("false_alarms_per_frame"), std::string::npos) << "names the known ones";
+  EXPECT_NE(error.find("false_alarms_per_frame"), std::string::npos)
+      << "it must name the known keys";
   EXPECT_NE(usage_error("[kamera]\nid = 1\n").find(":1: unknown section 'kamera'"),
             std::string::npos);
   EXPECT_NE(usage_error("threads = 1\n").find(":1: unknown section 'threads'"), std::string::npos);

@@ -1,4 +1,4 @@
-// The stated false-alarm rate, through simulated photons: plane waves have no vortex.
+// The stated rate of false alarms holds for simulated photons: plane waves have no vortex.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -67,14 +67,14 @@ TEST_P(FalseAlarmRate, IsTheStatedOne) {
     }
   }
   const auto frames = static_cast<double>(options.frames);
-  EXPECT_GT(static_cast<double>(lenslets) / frames, 254.0) << "hardly a lenslet may fade";
+  EXPECT_GT(static_cast<double>(lenslets) / frames, 254.0) << "hardly any lenslet may fade";
   for (std::size_t i = 0; i < kRates.size(); ++i) {
     const double asked = kRates[i] * frames;
     const double ratio = static_cast<double>(alarms[i]) / asked;
     std::printf("window %d px, %.0f photons: asked %.2f a frame, had %.4f, ratio %.3f +- %.3f\n",
                 window_px, photons, kRates[i], static_cast<double>(alarms[i]) / frames, ratio,
                 1.0 / std::sqrt(asked));
-    // ±20 % is the promise, and 25,000 frames can tell at all three rates. A shorter trial also
+    // The promise is ±20 %, which 25,000 frames can tell at all three rates. A shorter trial also
     // has the scatter of its own count.
     const bool can_tell = asked >= 250.0;
     EXPECT_NEAR(ratio, 1.0, 0.20 + (can_tell ? 0.0 : 3.0 / std::sqrt(asked)));

@@ -1,4 +1,4 @@
-// The live path inside one process: a camera that does not wait, the feed, plans that change.
+// The live path in one process: a camera that does not wait, the feed, and plans that change.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -30,7 +30,7 @@ SimulatorOptions one_vortex() {
   return options;
 }
 
-/// The same frame over and over, without end or `count` times.
+/// Gives the same frame over and over, `count` times or without end.
 class SameFrame final : public FrameSource {
  public:
   explicit SameFrame(const SimulatorOptions& options, std::int64_t count = -1) : count_(count) {
@@ -84,7 +84,7 @@ class Live : public ::testing::TestWithParam<Threading> {
   FeedControl control_;
 };
 
-// Ten frames come while one is worked on. Memory is that of the buffers made at the start.
+// Ten frames come while one is worked on. The only memory is that of the buffers made at the start.
 TEST_P(Live, ASlowConsumerGetsTheNewestFrameAndEveryDropIsCounted) {
   const auto source = camera(1000.0);
   const std::size_t in_pipeline = GetParam() == Threading::kInline ? 1 : config_.pipeline.slots;
@@ -108,19 +108,19 @@ TEST_P(Live, ASlowConsumerGetsTheNewestFrameAndEveryDropIsCounted) {
   }
   EXPECT_EQ(feed.end(), LiveFeed::End::kLimit);
   EXPECT_EQ(report.frames, 60);
-  EXPECT_EQ(source->counts().lost, 0) << "the camera always had a buffer";
+  EXPECT_EQ(source->counts().lost, 0) << "the camera must always have a buffer";
   EXPECT_EQ(source->counts().delivered, exchange.delivered());
-  EXPECT_GT(exchange.superseded(), 60) << "it must have been slow";
+  EXPECT_GT(exchange.superseded(), 60) << "the consumer must have been slow";
   const std::int64_t unprocessed = exchange.delivered() - exchange.superseded() - report.frames;
   EXPECT_TRUE(unprocessed == 0 || unprocessed == 1) << unprocessed;
-  // What the numbering says is missing is what was superseded before the last result.
+  // The numbers that are missing are those of frames superseded before the last result.
   EXPECT_EQ(report.dropped, sum_of_gaps);
   EXPECT_LE(sum_of_gaps, exchange.superseded());
-  // A frame waits for as many results as there are slots, and one more; ten times that is a hang.
+  // A frame waits for as many results as there are slots, and one more. Ten times that is a hang.
   EXPECT_LT(report.total.percentile_ns(0.5), 10 * 11'000'000 * static_cast<long>(in_pipeline + 1));
 }
 
-// The camera is faster than its consumer and ends: nothing is taken twice or lost uncounted.
+// The camera is faster than its consumer, and ends: no frame is taken twice or lost uncounted.
 TEST_P(Live, DeliveredIsResultsPlusSupersededPlusWhatWasLeft) {
   const auto source = camera(20000.0, 3000);
   FrameExchange exchange(source->format(), 8);
@@ -161,8 +161,8 @@ TEST_P(Live, StopsWhenAskedTo) {
   EXPECT_EQ(feed.end(), LiveFeed::End::kStopped);
 }
 
-// New plans arrive as fast as they are taken up, while frames stream. Every result is wholly one
-// plan's, and no frame is lost for it.
+// New plans arrive as fast as they are taken up, while frames stream. Every result belongs wholly
+// to one plan, and no frame is lost for it.
 TEST_P(Live, PlansChangeBetweenFrames) {
   Config blind = config_;
   blind.detect.min_circulation_rad = 99.0;
@@ -197,7 +197,7 @@ TEST_P(Live, PlansChangeBetweenFrames) {
   reloading.join();
   EXPECT_GT(with, 0);
   EXPECT_GT(without, 0);
-  EXPECT_GE(changes, 20) << "the plans must really have changed";
+  EXPECT_GE(changes, 20) << "the plans must have changed often";
   EXPECT_EQ(source->counts().lost, 0);
   const std::int64_t unprocessed = exchange.delivered() - exchange.superseded() - report.frames;
   EXPECT_TRUE(unprocessed == 0 || unprocessed == 1) << unprocessed;

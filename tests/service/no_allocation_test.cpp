@@ -17,7 +17,7 @@ namespace {
 
 constexpr int kWindow = 8;
 
-/// A pupil with a hole, vortices, lenslets that fade in some frames.
+/// Returns a scene of a pupil with a hole, vortices, and lenslets that fade in some frames.
 SimulatorOptions busy_scene() {
   SimulatorOptions options;
   options.rows = options.cols = 12;
@@ -35,7 +35,7 @@ TEST(NoAllocation, TheCounterCounts) {
   if (!kCountsAllocations) GTEST_SKIP() << "the sanitizer owns malloc";
   allocations = 0;
   counting = true;
-  void* volatile seen = ::operator new(3);  // volatile: the compiler must not take the pair out
+  void* volatile seen = ::operator new(3);  // volatile, or the compiler would take the pair out
   ::operator delete(seen);
   seen = ::operator new (64, std::align_val_t{64});
   ::operator delete (seen, std::align_val_t{64});
@@ -55,7 +55,7 @@ TEST(NoAllocation, NoCentroidMethodAllocates) {
     options.method = sensor.method = static_cast<CentroidMethod>(i);
     const CentroidPlan plan(sensor, simulator.format(), options);
     ASSERT_EQ(simulator.next(frame), Delivery::kFrame);
-    find_centroids(plan, frame.view(), centroids);  // chooses the instruction set
+    find_centroids(plan, frame.view(), centroids);  // the first call chooses the instruction set
     allocations = 0;
     counting = true;
     find_centroids(plan, frame.view(), centroids);
@@ -68,7 +68,7 @@ TEST(NoAllocation, NoCentroidMethodAllocates) {
 class NoAllocationModes
     : public ::testing::TestWithParam<std::tuple<Threading, bool, DetectMethod>> {
  protected:
-  /// Tracks and the hidden phase with the methods that are good for them.
+  /// Tracks and the hidden phase are on with the methods that suit them.
   static Config config() {
     const auto [threads, weighted, method] = GetParam();
     Config config;
@@ -91,7 +91,7 @@ TEST_P(NoAllocationModes, AThousandFrames) {
   int faded = 0;
   Publisher publisher;
   publisher.publish = [&](const FrameSlot& slot) {
-    // The first frames let threads and queues settle; then a thousand are counted.
+    // Threads and queues settle during the first frames. Then a thousand frames are counted.
     if (slot.frame_index == 50) counting = true;
     if (slot.frame_index == 1050) counting = false;
     if (slot.slopes.n_valid < plan->split.lattice().n_lenslets()) ++faded;

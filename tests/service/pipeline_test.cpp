@@ -31,7 +31,7 @@ SimulatorOptions moving_vortices(std::int64_t frames) {
   return options;
 }
 
-/// Everything a frame gives, as bytes.
+/// Returns everything that a frame gives, as bytes.
 std::string bytes_of(const FrameSlot& slot) {
   std::string bytes;
   const auto add = [&](const void* data, std::size_t size) {
@@ -97,7 +97,7 @@ INSTANTIATE_TEST_SUITE_P(Methods, PipelineOfMethod,
                          ::testing::Values(DetectMethod::kCirculation, DetectMethod::kWhitened,
                                            DetectMethod::kClassifier));
 
-/// Counts up, and can fail.
+/// This source counts up, and fails at a given frame.
 class CountingSource final : public FrameSource {
  public:
   CountingSource(std::int64_t count, std::int64_t fails_at) : count_(count), fails_at_(fails_at) {
@@ -146,7 +146,7 @@ TEST_P(PipelineModes, ASlowPublisherLosesNothing) {
   const RunReport report = run(source, publisher);
   EXPECT_EQ(report.frames, 40);
   EXPECT_EQ(expected, 40);
-  EXPECT_EQ(report.dropped, 78) << "sequence steps of 3 are 2 lost frames each";
+  EXPECT_EQ(report.dropped, 78) << "each sequence step of 3 means 2 lost frames";
   EXPECT_EQ(report.total.count(), 40U);
 }
 
@@ -156,7 +156,7 @@ TEST_P(PipelineModes, AFailingSourceEndsTheRun) {
   Publisher publisher;
   publisher.publish = [&](const FrameSlot&) { ++published; };
   EXPECT_THROW(run(source, publisher), std::runtime_error);
-  EXPECT_EQ(published, 5) << "what came before is delivered";
+  EXPECT_EQ(published, 5) << "the frames before the failure must be delivered";
 }
 
 TEST_P(PipelineModes, AFailingPublisherEndsTheRun) {
@@ -175,7 +175,8 @@ TEST_P(PipelineModes, StopsAfterTheFramesAskedFor) {
 
 TEST_P(PipelineModes, PaceIsKept) {
   CountingSource source(21, -1);
-  // 20 intervals of 2 ms; never faster, and how much slower is the machine's affair.
+  // There are 20 intervals of 2 ms. The run is never faster; how much slower depends on the
+  // machine.
   EXPECT_GE(run(source, {}, {500.0, -1}).seconds, 0.040);
 }
 

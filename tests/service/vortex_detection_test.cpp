@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::uint64_t kSeed = 7801;
 
-/// The benchmark's turbulence with the simulator's own noise.
+/// Returns the benchmark's turbulence with the simulator's own noise.
 SimulatorOptions turbulence(double photons, int frames) {
   SimulatorOptions options = simulator_options({.rytov_variance = 2.0}, kSeed);
   options.photons = photons;
@@ -62,7 +62,7 @@ Counts count(DetectMethod method) {
   return counts;
 }
 
-// Vortices sit in the dark. Where weak spots are left out hardly one is found.
+// Vortices sit in the dark. Without weak spots hardly any vortex is found.
 TEST(VortexDetection, TheClassifierFindsVorticesInTheDark) {
   const Counts counts = count(DetectMethod::kClassifier);
   SCOPED_TRACE("seed " + std::to_string(kSeed));
@@ -111,8 +111,8 @@ TEST(VortexDetection, TracksKeepTheirNumbersFromFrameToFrame) {
   };
   pipeline.run(feed, publisher);
   EXPECT_EQ(last, 2U);
-  EXPECT_EQ(tracks.size(), 2U) << "two vortices, two tracks, each of one charge";
-  constexpr double kFrame_s = 1e-3;  // the simulator's
+  EXPECT_EQ(tracks.size(), 2U) << "each of the two vortices must have one track";
+  constexpr double kFrame_s = 1e-3;  // the time between the simulator's frames
   EXPECT_NEAR(velocity_x * kFrame_s, 0.03, 0.02);
 }
 
@@ -140,7 +140,7 @@ TEST(VortexDetection, WithoutVorticesTheWholePhaseIsTheLeastSquaresPhase) {
   EXPECT_EQ(compared, 5 * 64);
 }
 
-/// What a plan's refusal says; empty where there is none.
+/// Returns what the plan's refusal says, or an empty text if the plan is made.
 std::string refusal(const Sensor& sensor, const FrameFormat& format, const Config& config) {
   try {
     const VortexDetectionPlan plan(sensor, format, config);
@@ -159,7 +159,7 @@ TEST(VortexDetection, WhatTheClassifierWasNotTaughtIsRefused) {
   EXPECT_NE(refusal(turned, simulator.format(), config).find("turned by 11.3 degrees"),
             std::string::npos);
   Sensor blurred = sensor_of(simulator, 6, 100.0);
-  blurred.spot_blur_px = 1.0;  // of 2 px per λ/w
+  blurred.spot_blur_px = 1.0;  // where λ/w is 2 px
   EXPECT_NE(refusal(blurred, simulator.format(), config).find("spots are blurred"),
             std::string::npos);
   config.detect.method = DetectMethod::kWhitened;

@@ -19,7 +19,7 @@ struct Seen {
   float solenoidal_d = 0;
 };
 
-/// Splits the slopes, then finds vortices in what the split left over.
+/// Splits the slopes, and then finds vortices in what the split leaves over.
 Seen split_and_find(const SlopeField& slopes) {
   const SplitPlan split_plan(slopes.valid, {});
   SplitWorkspace workspace(split_plan);
@@ -49,7 +49,7 @@ void expect_on_node(const Seen& seen, double circulation, double tolerance) {
   EXPECT_NEAR(static_cast<double>(seen.vortex.y), kNode, 1e-3);
 }
 
-// 1e-5: eight float slopes of 1.1 rad each, and the split's rounding.
+// The tolerance of 1e-5 is for eight float slopes of 1.1 rad each, and the split's rounding.
 TEST(VortexTruth, UniformAverageOfACanonicalVortex) {
   const std::vector<TestVortex> vortex{{kNode, kNode, 1, 0.0, 0.0}};
   expect_on_node(split_and_find(uniform_vortex_slopes(kSize, kSize, vortex)), 4.527887, 1e-5);
@@ -60,7 +60,7 @@ TEST(VortexTruth, IntensityWeightedLinearCore) {
   expect_on_node(split_and_find(linear_core_slopes(kSize, kSize, vortex)), 3.0, 1e-5);
 }
 
-/// Through photons-free spots in windows of ±4 λ/w, pixels of half a λ/w.
+/// Sees the vortex through noise-free spots, in windows of ±4 λ/w with pixels of half a λ/w.
 Seen through_spots(VortexAmplitude amplitude) {
   constexpr int kWindow = 16;
   SimulatorOptions options;

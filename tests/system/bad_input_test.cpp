@@ -1,4 +1,5 @@
-// Bad input as a user meets it: an exit code, one clear sentence, nothing left half-written.
+// Bad input as a user meets it gives an exit code and one clear sentence, and leaves no
+// half-written file.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -29,19 +30,19 @@ class BadInput : public ::testing::Test {
       std::filesystem::copy_file(*good_ / name, scratch_ / name);
   }
 
-  /// The run fails with this code and one line on stderr that has all these words; no file comes or
-  /// goes.
+  /// Expects that the run fails with this code and one line on stderr that has all these words, and
+  /// that no file comes or goes.
   void expect_refused(const std::string& arguments, int exit_code,
                       const std::vector<std::string>& words, const std::string& prefix = "") {
     const auto before = scratch_.names();
     const ProgramRun run = run_curlew(scratch_, arguments, prefix);
     SCOPED_TRACE(arguments + "\nstderr: " + run.err);
     EXPECT_EQ(run.exit_code, exit_code);
-    EXPECT_EQ(std::count(run.err.begin(), run.err.end(), '\n'), 1) << "one line";
+    EXPECT_EQ(std::count(run.err.begin(), run.err.end(), '\n'), 1) << "there must be one line";
     EXPECT_EQ(run.err.rfind("curlew: ", 0), 0U);
     for (const std::string& word : words)
       EXPECT_NE(run.err.find(word), std::string::npos) << "should say: " << word;
-    EXPECT_EQ(scratch_.names(), before) << "nothing half-written";
+    EXPECT_EQ(scratch_.names(), before) << "no file may be left half-written";
   }
 
   void expect_all_refuse(const std::string& file, const std::vector<std::string>& words) {
@@ -81,7 +82,7 @@ TEST_F(BadInput, ZeroFrames) {
 }
 
 TEST_F(BadInput, AllNan) {
-  // −1 in every byte is a NaN in big-endian float.
+  // A float of which every byte is 0xff is a NaN.
   std::string file = raw_image_header(-32, {"48", "48"});
   file += std::string((48 * 48 * 4 + 2879) / 2880 * 2880, '\xff');
   write_bytes(scratch_ / "nan.fits", file);
@@ -145,7 +146,7 @@ TEST_F(BadInput, InputsAreNotWrittenOver) {
                  {"c.toml"});
   expect_refused("calibrate ref.fits --config c.toml --out c.toml", 2, {"c.toml"});
   expect_refused("replay ref.fits --sensor sensor.fits --out a --jsonl ./a", 2, {"same file"});
-  // A file that has the name of another's unfinished output is an input like any other.
+  // An input that has the name of an unfinished output is an input like any other.
   std::filesystem::rename(scratch_ / "ref.fits", scratch_ / "new.fits.partial");
   const std::string before = read_bytes(scratch_ / "new.fits.partial");
   EXPECT_EQ(
@@ -181,7 +182,7 @@ TEST_F(BadInput, OutputThatNobodyTakes) {
 }
 
 TEST_F(BadInput, NonsenseInHeaders) {
-  // One digit of a card changed: what was 1 electron an ADU is none.
+  // One digit of a card is changed, so that 1 electron an ADU becomes 0.
   std::string bytes = read_bytes(scratch_ / "sensor.fits");
   const std::size_t card = bytes.find("EPERADU =");
   ASSERT_NE(card, std::string::npos);
@@ -220,8 +221,8 @@ TEST_F(BadInput, AFolderThatIsNotThere) {
 }
 
 TEST_F(BadInput, FullDisk) {
-  // A limit on the file's size stands in for a full disk: the write fails in the same place.
-  // 16 KiB is reached in the middle of the frames, of the images, of the lines.
+  // A limit on the file's size stands in for a full disk, for the write fails in the same place.
+  // The limit of 16 KiB is reached in the middle of the frames, the images or the lines.
   const std::string limit = "ulimit -f 16; trap '' XFSZ; ";
   expect_refused("simulate --rows 6 --cols 6 --frames 50 --out new.fits", 1, {"new.fits", "full"},
                  limit);
@@ -237,14 +238,14 @@ TEST_F(BadInput, FullDiskForReal) {
   const std::string mounted = scratch_ / "small";
   std::filesystem::create_directory(mounted);
   if (std::system(("mount -t tmpfs -o size=200k none '" + mounted + "' 2>/dev/null").c_str()) != 0)
-    GTEST_SKIP() << "may not mount a small tmpfs here";
+    GTEST_SKIP() << "this user may not mount a small tmpfs";
   const ProgramRun run = run_curlew(scratch_, "simulate --frames 100 --out small/new.fits");
   const bool empty = std::filesystem::is_empty(mounted);
   EXPECT_EQ(std::system(("umount '" + mounted + "'").c_str()), 0);
   EXPECT_EQ(run.exit_code, 1);
   EXPECT_NE(run.err.find("small/new.fits"), std::string::npos) << run.err;
   EXPECT_NE(run.err.find("full"), std::string::npos) << run.err;
-  EXPECT_TRUE(empty) << "nothing half-written";
+  EXPECT_TRUE(empty) << "no file may be left half-written";
 }
 
 }  // namespace

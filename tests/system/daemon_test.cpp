@@ -1,4 +1,4 @@
-// The daemon as a user runs it: another process, a camera over real packets on loopback.
+// The daemon as a user runs it: in another process, with a camera over real packets on loopback.
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -34,7 +34,7 @@ std::vector<json> json_lines(const std::string& path) {
   return lines;
 }
 
-/// The number before `words` in the text.
+/// Returns the number before `words` in the text.
 std::int64_t number_before(const std::string& text, const std::string& words) {
   const std::size_t at = text.find(words);
   if (at == std::string::npos) return -1;
@@ -43,7 +43,7 @@ std::int64_t number_before(const std::string& text, const std::string& words) {
   return begin == at ? -1 : std::stoll(text.substr(begin, at - begin));
 }
 
-/// What the daemon prints at its end.
+/// The account that the daemon prints at its end.
 struct Account {
   explicit Account(const std::string& out)
       : delivered(number_before(out, " frames delivered")),
@@ -93,12 +93,12 @@ class Daemon : public ::testing::Test {
     return std::make_unique<Process>(command, scratch_ / "daemon.out", scratch_ / "daemon.err",
                                      before_exec);
   }
-  /// The vortices of each frame as replay finds them, frames in order.
+  /// Returns the lines that replay writes for the recording's frames, in their order.
   std::vector<json> replayed() {
     run("replay beam.fits --sensor sensor.fits --jsonl replay.jsonl");
     return json_lines(scratch_ / "replay.jsonl");
   }
-  /// Every result is, to the last digit, that of the recording's frame it shows.
+  /// Expects every result to be, to the last digit, that of the recording's frame that it shows.
   void expect_as_replayed(const std::string& jsonl) {
     const std::vector<json> truth = replayed();
     ASSERT_EQ(truth.size(), static_cast<std::size_t>(kDistinctFrames));
@@ -110,7 +110,7 @@ class Daemon : public ::testing::Test {
       ASSERT_EQ(line["n_valid"], truth[image]["n_valid"]);
       vortices += line["vortices"].size();
     }
-    EXPECT_GT(vortices, 100U) << "there must be something to compare";
+    EXPECT_GT(vortices, 100U) << "there must be vortices to compare";
   }
 
   ScratchDirectory scratch_;
@@ -135,7 +135,7 @@ TEST_P(DaemonLoss, IncompleteFramesAreCountedAndNeverProcessed) {
   make_sensor_and_recording();
   const auto server = serve({"--rate", "300", "--lost-ratio", GetParam()});
   const std::string config = scratch_ / "small_packets.toml";
-  write_bytes(config, "[camera]\npacket_size_bytes = 1400\n");  // 14 packets a frame
+  write_bytes(config, "[camera]\npacket_size_bytes = 1400\n");  // makes 14 packets a frame
   const auto curlew =
       daemon({"--config", config, "--camera", "aravis:127.0.0.1", "--sensor",
               scratch_ / "sensor.fits", "--jsonl", scratch_ / "live.jsonl", "--frames", "1500"});
@@ -177,7 +177,7 @@ TEST_F(Daemon, ACameraThatDiesAndReturnsIsFoundEveryTime) {
   for (int life = 0; life < 20; ++life) {
     const std::int64_t connections = status("connections");
     const auto server = serve({"--rate", "200"});
-    // Some lives end while the camera is being opened, the others while it streams.
+    // Some lives end while the camera is being opened, and the others while it streams.
     if (life % 4 != 3) {
       ++long_lives;
       const auto until = std::chrono::steady_clock::now() + seconds(20);
@@ -192,7 +192,7 @@ TEST_F(Daemon, ACameraThatDiesAndReturnsIsFoundEveryTime) {
         files_then = curlew->open_files();
       }
       if (life == 18) {
-        // A leak would leave ten or more in these lives; a few are Aravis' while it lets go.
+        // A leak would leave ten or more in these lives. A few belong to Aravis while it lets go.
         EXPECT_LE(curlew->threads(), threads_then + 3) << "threads are left behind";
         EXPECT_LE(curlew->open_files(), files_then + 3) << "files are left open";
       }
@@ -250,12 +250,12 @@ TEST_F(Daemon, ReloadKeepsTheOldPlanWhereTheNewOneIsBad) {
   EXPECT_EQ(Account(curlew->out()).lost, 0);
   const std::vector<json> lines = json_lines(scratch_ / "live.jsonl");
   ASSERT_GT(lines.size(), 100U);
-  EXPECT_EQ(lines.front()["vortices"].size(), 1U) << "the old plan finds the vortex";
-  EXPECT_EQ(lines.back()["vortices"].size(), 0U) << "the new one is told not to";
+  EXPECT_EQ(lines.front()["vortices"].size(), 1U) << "the old plan must find the vortex";
+  EXPECT_EQ(lines.back()["vortices"].size(), 0U) << "the new plan must not find it";
 }
 
-// 512×512 u16 as fast as the fake camera sends. What the machine's other work makes the kernel drop
-// is counted; what must never happen is that the camera finds no buffer of ours.
+// Frames of 512×512 u16 come as fast as the fake camera sends. What the machine's other work makes
+// the kernel drop is counted. What must never happen is that the camera finds no buffer of ours.
 TEST_F(Daemon, TheCameraAlwaysFindsABufferAtFullRate) {
   const char* asked = std::getenv("CURLEW_FULL_RATE_SECONDS");
   const std::string length_s = asked == nullptr ? "5" : asked;
@@ -292,7 +292,7 @@ TEST_F(Daemon, AnOrdinaryUserIsToldOnceWhatWasRefused) {
   const std::string log = curlew->err();
   expect_balanced(Account(curlew->out()));
   EXPECT_EQ(Account(curlew->out()).results, 200);
-  // Whatever this machine grants a nobody, nothing is said twice.
+  // Whatever this machine grants to a nobody, nothing is said twice.
   std::map<std::string, int> told;
   std::istringstream lines(log);
   for (std::string line; std::getline(lines, line);)
@@ -316,10 +316,11 @@ TEST_F(Daemon, SoakKeepsItsAccountsAndItsMemory) {
   ASSERT_EQ(curlew->wait(seconds(length_s + 60)), 0) << curlew->err();
   const Account account(curlew->out());
   expect_balanced(account);
-  EXPECT_GT(account.results, 100 * length_s) << "a tenth of the rate at least";
-  EXPECT_EQ(account.lost, 0) << "the pipeline always leaves the camera a buffer";
-  if (!kSanitized) {  // a sanitizer keeps what was freed, and more of it as time goes by
-    EXPECT_LT(memory_now, memory_then + 2048) << "kB resident after a quarter, and at the end";
+  EXPECT_GT(account.results, 100 * length_s) << "it must reach a tenth of the rate at least";
+  EXPECT_EQ(account.lost, 0) << "the pipeline must always leave the camera a buffer";
+  if (!kSanitized) {  // a sanitizer keeps what was freed, and more of it with time
+    EXPECT_LT(memory_now, memory_then + 2048)
+        << "resident kB must not grow from a quarter of the time to the end";
   }
   std::printf("%d s: %lld delivered, %lld results, %lld superseded, memory %ld kB then, %ld now\n",
               length_s, static_cast<long long>(account.delivered),
@@ -339,7 +340,7 @@ TEST_F(Daemon, ControlSocketTellsAndRefuses) {
   const json status = json::parse(ask("status").out);
   EXPECT_GE(status["results"].get<std::int64_t>(), 0);
   EXPECT_EQ(status["connections"], 1);
-  EXPECT_EQ(ask("trigger").exit_code, 1) << "nothing is recorded";
+  EXPECT_EQ(ask("trigger").exit_code, 1) << "a trigger must fail where nothing is recorded";
   EXPECT_NE(ask("nonsense").err.find("not 'nonsense'"), std::string::npos);
   const auto second = daemon({"--config", config});
   EXPECT_EQ(second->wait(seconds(20)), 1);

@@ -1,5 +1,5 @@
-// docs/detection.sh in its short form: everything that docs/detection.md states can be measured
-// again by one command.
+// docs/detection.sh in its short form: one command can measure again the main tables of
+// docs/lab/detection.md and the values of docs/paper.md.
 #include <gtest/gtest.h>
 
 #include <array>

@@ -1,4 +1,4 @@
-// curlew doctor: given this machine, this verdict; and the command as a user meets it.
+// curlew doctor: what it says of a given machine, and how the command behaves for a user.
 #include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -43,8 +43,8 @@ std::string snmp(const std::string& in_errors, const std::string& buffer_errors)
   return text + "Udp: 123456 0 " + in_errors + " 99 " + buffer_errors + " 0\n";
 }
 
-/// A line of /proc/net/route. The kernel prints addresses as whole numbers of their bytes in
-/// memory.
+/// Returns a line of /proc/net/route. The kernel prints addresses as whole numbers of their bytes
+/// in memory.
 std::string route(const char* interface, const char* destination, const char* mask,
                   const char* gateway = "0.0.0.0", int metric = 0) {
   const unsigned flags = std::string(gateway) == "0.0.0.0" ? 1 : 3;
@@ -55,7 +55,7 @@ std::string route(const char* interface, const char* destination, const char* ma
   return line.data();
 }
 
-/// A machine that has all that could be wished for, until a test changes a file of it.
+/// A machine that has everything one could wish for, until a test changes one of its files.
 class MadeUpMachine : public ::testing::Test {
  protected:
   MadeUpMachine() {
@@ -128,7 +128,7 @@ class MadeUpMachine : public ::testing::Test {
     ADD_FAILURE() << "no check " << name;
     return {};
   }
-  /// The one check has this verdict, speaks these words, and no other check minds.
+  /// Expects that this one check has the verdict and the words, and that all other checks are good.
   void expect(const std::string& name, Verdict verdict,
               const std::vector<std::string>& words) const {
     SCOPED_TRACE(name);
@@ -169,7 +169,7 @@ TEST(Doctor, AMachineThatShowsNothingIsNotSeenAndHarmsNobody) {
   std::map<std::string_view, int> count;
   for (const Check& check : check_machine(machine)) ++count[word_of(check.verdict)];
   EXPECT_GE(count["not seen"], 10);
-  EXPECT_EQ(count["bad"], 2) << "no limits seen: no rights";
+  EXPECT_EQ(count["bad"], 2) << "a machine that shows no limits has no rights";
 }
 
 TEST_F(MadeUpMachine, ADebugBuild) {
@@ -309,7 +309,7 @@ TEST_F(MadeUpMachine, SocketBuffer) {
   expect("socket buffer", Verdict::kGood, {});
   write("/proc/sys/net/core/rmem_max", "12345677\n");
   expect("socket buffer", Verdict::kCouldBeBetter, {"12345677", "net.core.rmem_max=12345678"});
-  write("/proc/sys/net/core/rmem_max", "212992\n");  // Debian's default
+  write("/proc/sys/net/core/rmem_max", "212992\n");  // the default of Debian
   expect("socket buffer", Verdict::kBad, {"212992", "net.core.rmem_max=12345678"});
 }
 
@@ -317,7 +317,7 @@ constexpr const char* kJumboAnywhere =
     "sudo ip link set INTERFACE mtu 9000  # INTERFACE: the camera's";
 
 TEST_F(MadeUpMachine, JumboFramesOnTheInterfaceOfTheCamerasNetwork) {
-  interface("eno1", "1500", true);  // the way to all else
+  interface("eno1", "1500", true);  // it leads to everything else
   interface("enp3s0", "1500", true);
   routes(route("eno1", "0.0.0.0", "0.0.0.0", "192.168.1.1") +
          route("eno1", "192.168.1.0", "255.255.255.0") +
@@ -329,13 +329,14 @@ TEST_F(MadeUpMachine, JumboFramesOnTheInterfaceOfTheCamerasNetwork) {
   interface("enp3s0", "9000", true);
   expect("jumbo frames", Verdict::kGood, {"enp3s0 MTU 9000"});
 
-  machine_.config.camera.source = "aravis:192.168.1.77";  // the camera is on the office's network
+  // Now the camera is on the office's network.
+  machine_.config.camera.source = "aravis:192.168.1.77";
   EXPECT_THAT(check("jumbo frames").commands, ElementsAre("sudo ip link set eno1 mtu 9000"));
 }
 
 TEST_F(MadeUpMachine, JumboFramesOnTheInterfaceThatLeadsToTheCamera) {
   machine_.config.camera.source = "aravis:10.20.30.40";
-  interface("bond0", "1500", false);  // no hardware, and nevertheless the way
+  interface("bond0", "1500", false);  // no hardware, but it leads to the camera
   const std::string wide = route("eno1", "10.0.0.0", "255.0.0.0");
   const std::string narrow = route("bond0", "10.20.0.0", "255.255.0.0", "10.1.1.1", 100);
   for (const std::string& lines : {wide + narrow, narrow + wide}) {
@@ -489,7 +490,7 @@ TEST(Doctor, RefusesWhatItCannotRead) {
 
 TEST(PackagedConfiguration, IsReadAndHoldsEverySettingAtItsDefault) {
   const std::string file = CURLEW_SOURCE_DIR "/packaging/curlew.toml";
-  Config expected;  // but for what only the service has: its folders and its rights
+  Config expected;  // the defaults, except for the service's own folders and rights
   expected.daemon.sensor = "/etc/curlew/sensor.fits";
   expected.daemon.control = "/run/curlew/control";
   expected.realtime.priority = 50;

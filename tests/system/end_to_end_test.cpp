@@ -1,4 +1,5 @@
-// The program from end to end: what it writes, held against the truth, itself and other readers.
+// The program from end to end: what it writes, compared with the truth, with itself and with other
+// readers.
 #include <gtest/gtest.h>
 
 #include <cstring>
@@ -11,7 +12,7 @@
 namespace curlew {
 namespace {
 
-/// All of an image or table column of a file, as numbers.
+/// These return all values of an image, or of a table column, as numbers.
 std::vector<double> image_values(const std::string& path, const std::string& name) {
   FitsFile file = FitsFile::open(path);
   file.select(name);
@@ -37,7 +38,7 @@ class EndToEnd : public ::testing::Test {
   void run(const std::string& arguments) {
     last_ = run_curlew(scratch_, arguments);
     ASSERT_EQ(last_.exit_code, 0) << arguments << "\n" << last_.err;
-    EXPECT_EQ(last_.err, "") << "nothing to complain of";
+    EXPECT_EQ(last_.err, "") << "the program must not complain";
   }
 
   const std::string sensor_ = "--rows 12 --cols 12 --window 8 --pupil obscured ";
@@ -91,8 +92,8 @@ TEST_F(EndToEnd, BrightVorticesAreAllFoundAndNothingElse) {
   EXPECT_NE(last_.out.find("p99.9"), std::string::npos);
 }
 
-// Behind turbulence pairs are created closer than a pitch. They count for nobody and against
-// nobody.
+// Behind turbulence pairs are created closer than a pitch. They count neither as found nor as
+// false.
 TEST_F(EndToEnd, EveryVortexFoundIsInOneColumnOfTheSummary) {
   run("simulate --preset plane --photons 2000 --frames 20 --seed 7405 --out ref.fits");
   run("calibrate ref.fits --out sensor.fits");
@@ -114,7 +115,7 @@ TEST_F(EndToEnd, EveryVortexFoundIsInOneColumnOfTheSummary) {
   EXPECT_EQ(std::distance(std::sregex_iterator(last_.out.begin(), last_.out.end(), missed),
                           std::sregex_iterator()),
             required - hits)
-      << "only those are shown as missed that count";
+      << "only required vortices may be shown as missed";
 }
 
 TEST_F(EndToEnd, MirroringFlipsCharges) {
@@ -126,7 +127,7 @@ TEST_F(EndToEnd, MirroringFlipsCharges) {
   run("replay beam.fits --sensor mirrored.fits --out b.fits --false-alarms 1e-5");
   ASSERT_EQ(column_values(scratch_ / "a.fits", "VORTICES", "CHARGE"), std::vector<double>{1.0});
   ASSERT_EQ(column_values(scratch_ / "b.fits", "VORTICES", "CHARGE"), std::vector<double>{-1.0});
-  for (const char* column : {"X_PX", "Y_PX"})  // the same place on the detector
+  for (const char* column : {"X_PX", "Y_PX"})  // it must be the same place on the detector
     EXPECT_NEAR(column_values(scratch_ / "a.fits", "VORTICES", column)[0],
                 column_values(scratch_ / "b.fits", "VORTICES", column)[0], 0.01);
 }

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The folder rule: core ← acquisition, centroiding, reconstruct, detect ← service ← tests, the rooms
-# inside them, and the outside libraries that have one place each. It looks at the checkout it lies
-# in, or at the folder it is given.
+# inside them, and the outside libraries that have one place each. It checks the checkout in which
+# it lies, or the folder that it is given.
 set -euo pipefail
 cd "${1:-$(dirname "$0")/../..}"
 bad=0
@@ -29,7 +29,8 @@ report 'core/ includes std, Eigen and the queue only' \
   "$(includes '(fitsio|spdlog|CLI|toml|nlohmann|hwy|libusb|arv|kiss)' core)"
 report 'the moodycamel queue in core/slot_queue.h only' \
   "$(includes 'concurrentqueue' core "${stages[@]}" | grep -v '^core/slot_queue.h:' || true)"
-# A library has one room, and in its headers only the handle that the room's own files share.
+# A library has one room. Of the headers there only one may include it, the handle that the room's
+# own files share.
 library() { # library <name> <header> <room>
   report "$1 in acquisition/$3/ only, and there in *.cpp and ${3}_handle.h" \
     "$(includes "$2" core "${stages[@]}" |

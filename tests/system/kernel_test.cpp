@@ -1,4 +1,4 @@
-// `curlew kernel`, and a simulated field written and read back.
+// `curlew kernel`, and a simulated field that is written and read back.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -53,7 +53,8 @@ TEST(KernelCommand, BadUsage) {
   }
 }
 
-// A field written by one run is the same beam to another: its phase turns round the same vortices.
+// A field written by one run is the same beam to another run: its phase turns round the same
+// vortices.
 TEST(SimulateCommand, FieldOutIsReadBack) {
   const ScratchDirectory scratch;
   const std::string array = " --rows 6 --cols 8 --window 8 ";
@@ -79,7 +80,7 @@ TEST(SimulateCommand, FieldOutIsReadBack) {
     const auto written = column("a.fits", name);
     const auto read = column("b.fits", name);
     ASSERT_EQ(read.size(), 2U) << name;
-    // The bilinear zero of a nearly linear field of 1/32 pitch.
+    // The zero is found bilinearly, in a nearly linear field with points 1/32 pitch apart.
     for (std::size_t k = 0; k < 2; ++k) EXPECT_NEAR(read[k], written[k], 2e-3) << name;
   }
   FitsFile a = FitsFile::open(scratch / "a.fits");
@@ -89,7 +90,8 @@ TEST(SimulateCommand, FieldOutIsReadBack) {
   a.read_pixels<double>(0, pixels_a);
   b.read_pixels<double>(0, pixels_b);
   for (std::size_t k = 0; k < pixels_a.size(); ++k)
-    ASSERT_NEAR(pixels_a[k], pixels_b[k], 1.0) << "pixel " << k;  // both scaled to the same peak
+    // Both are scaled to the same peak.
+    ASSERT_NEAR(pixels_a[k], pixels_b[k], 1.0) << "pixel " << k;
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# package_test.sh <build directory>: the Debian package installs, runs, keeps what is the user's and
-# leaves nothing behind. In an overlay over this machine's root, so that the machine stays as it is.
+# package_test.sh <build directory>: the Debian package installs, runs, keeps what belongs to the
+# user, and leaves nothing behind. It runs in an overlay over this machine's root, so that the
+# machine stays as it is.
 set -euo pipefail
 build=$(realpath "$1")
 
@@ -19,7 +20,7 @@ if [ "${2:-}" != inside ]; then
   mkdir "$scratch/deb"
   cpack --config "$build/CPackConfig.cmake" -B "$scratch/deb" >"$scratch/cpack.log" 2>&1 ||
     { cat "$scratch/cpack.log"; fail "cpack"; }
-  # In a mount namespace of its own: its mounts go with it.
+  # This has a mount namespace of its own, with which its mounts go away.
   code=0
   unshare --mount bash -s -- "$scratch" "$build" "$(realpath "$0")" <<'INSIDE' || code=$?
 set -eu
@@ -40,14 +41,14 @@ INSIDE
   exit "$code"
 fi
 
-# Inside: / is a copy that nobody keeps.
+# From here on it runs inside, where / is a copy that nobody keeps.
 cd /package
 export LC_ALL=C
 deb=$(echo curlew_*.deb)
 unit=/usr/lib/systemd/system/curlew.service
 quietly() { "$@" >/tmp/log 2>&1 || { cat /tmp/log; fail "$*"; }; }
 purge() { quietly dpkg --purge curlew; }
-# All that is called after curlew, and the accounts.
+# Prints all files whose names hold curlew, and its accounts.
 traces() {
   find /etc /usr /var /opt -xdev -name '*curlew*' ! -path '/var/log/*' ! -path "/var/cache/*" \
     2>/dev/null | sort
@@ -67,7 +68,7 @@ cat /tmp/content
 if grep -v '^root/root ' /tmp/content; then fail "files of somebody's own"; fi
 if grep -E '\.(h|a|so|cmake|pc)$' /tmp/content; then fail "a file for developers"; fi
 
-# As packed: a machine may be set up to install neither documents nor man pages.
+# The package is looked at as packed, because a machine may install neither documents nor man pages.
 dpkg-deb -x "$deb" /tmp/packed
 man=/tmp/packed/usr/share/man
 doc=/tmp/packed/usr/share/doc/curlew
@@ -131,7 +132,7 @@ for command in $(subcommands); do
   tell_of_command "$command"
   for below in $(subcommands "$command"); do tell_of_command "$command" "$below"; done
 done
-# That curlew.toml has every setting is for doctor_test.cpp to see.
+# doctor_test.cpp checks that curlew.toml has every setting.
 settings=$(sed -nE 's/^(# )?([a-z_]+) = .*/\2/p' /etc/curlew/curlew.toml)
 [ "$(wc -l <<<"$settings")" -ge 80 ] || fail "settings are not seen"
 for setting in $settings; do told curlew.toml.5 "$setting ="; done
@@ -141,7 +142,7 @@ done
 for file in $(grep -ohE '/usr/(lib|share)/[A-Za-z0-9/.-]+' /tmp/*.text); do
   [ -e "/tmp/packed${file%.}" ] || fail "a page names $file, which is not packed"
 done
-# Examples do what they say.
+# The examples in the pages must do what they say.
 example() { sed -n '/^\.EX/,/^\.EE/p;/^\.EE/q' "/tmp/$1" | grep -v '^\.E' | sed 's/\\-/-/g'; }
 mkdir /tmp/example
 cd /tmp/example
@@ -164,7 +165,7 @@ for file in $(grep -oE 'file:[^ ]+' $unit); do
 done
 quietly systemd-analyze verify --man=no $unit
 if [ -s /tmp/log ]; then cat /tmp/log; fail "systemd-analyze verify has remarks"; fi
-# What is left is what cameras and real time need, see the unit.
+# What remains is what cameras and real time need, see the unit.
 bound=2.0
 systemd-analyze security --offline=true --no-pager $unit | grep 'exposure level'
 systemd-analyze security --offline=true --threshold=20 --no-pager $unit >/dev/null ||

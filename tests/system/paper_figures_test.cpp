@@ -1,4 +1,4 @@
-// docs/paper_figures.py in its short form: the values it prints for docs/paper.md, and its
+// docs/paper_figures.py in its short form must print the values of docs/paper.md and draw its
 // pictures.
 #include <gtest/gtest.h>
 
@@ -14,7 +14,8 @@
 namespace curlew {
 namespace {
 
-/// Rows of the table by their name, which ends at two spaces; the last column is curlew's value.
+/// Returns the table's rows by their name, which ends at two spaces. The last column is curlew's
+/// value.
 std::map<std::string, double> rows_of(const std::string& text) {
   std::map<std::string, double> rows;
   std::istringstream lines(text);
@@ -25,7 +26,7 @@ std::map<std::string, double> rows_of(const std::string& text) {
     try {
       rows[line.substr(0, name)] = std::stod(line.substr(last));
     } catch (const std::invalid_argument&) {
-      continue;  // the heading
+      continue;  // this is the heading
     }
   }
   return rows;
@@ -47,9 +48,10 @@ TEST(PaperFigures, QuickFormPrintsTheValues) {
   struct Expected {
     const char* name;
     double value;
-    double tolerance;  // half a unit of the last digit printed; spots: see below
+    double tolerance;  // half a unit of the last digit printed; for spots see below
   };
-  // Windows of ±4 λ/w and 32 field samples a lenslet: VortexTruth has the same .05 for spots.
+  // The windows are ±4 λ/w, with 32 field samples a lenslet. VortexTruth has the same .05 for
+  // spots.
   constexpr double kPi = std::numbers::pi;
   constexpr double kSix = 0.51e-6;
   constexpr double kFour = 0.51e-4;

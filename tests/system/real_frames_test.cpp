@@ -1,4 +1,4 @@
-// Real sensors' frames: no vortex may be seen in them, and a known shift must be measured.
+// Frames of real sensors: no vortex may be seen in them, and a known shift must be measured.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -43,7 +43,7 @@ class RealFrames : public ::testing::TestWithParam<RealFrame> {
     EXPECT_NE(run.out.find("px rms from the grid"), std::string::npos) << run.out;
   }
 
-  /// Replays and returns the slopes [2, lenslets]; `vortices` is how many were found.
+  /// Replays, and returns the slopes [2, lenslets]. `vortices` is set to how many were found.
   std::vector<double> slopes_of(const std::string& recording, std::int64_t& vortices,
                                 const std::string& method = "circulation") {
     const ProgramRun run =
@@ -61,7 +61,7 @@ class RealFrames : public ::testing::TestWithParam<RealFrame> {
   }
 
   ScratchDirectory scratch_;
-  std::string said_;  ///< by the last replay
+  std::string said_;  ///< what the last replay printed
 };
 
 TEST_P(RealFrames, OnItsOwnCalibrationEverySlopeIsExactlyZero) {
@@ -74,7 +74,8 @@ TEST_P(RealFrames, OnItsOwnCalibrationEverySlopeIsExactlyZero) {
   for (const double s : slopes) EXPECT_TRUE(std::isnan(s) || s == 0.0);
 }
 
-// The spots of all three are blurred, which the classifier says before it takes them for vortices.
+// The spots of all three are blurred. The classifier must say so instead of taking them for
+// vortices.
 TEST_P(RealFrames, OnItsOwnCalibrationNoMethodFindsAVortex) {
   std::int64_t vortices = -1;
   slopes_of(path_of(GetParam().name), vortices, "whitened");
@@ -99,7 +100,7 @@ double median_peak_adu(const MeanImage& frame, const Sensor& sensor) {
   return peaks[peaks.size() / 2];
 }
 
-/// The frame shifted by whole pixels (the rim repeated), with Gaussian noise.
+/// Writes the frame shifted by whole pixels, with its rim repeated and Gaussian noise.
 void write_shifted(const MeanImage& frame, int dx, int dy, double noise_adu, unsigned seed,
                    const std::string& path) {
   std::mt19937 random(seed);
@@ -123,12 +124,12 @@ TEST_P(RealFrames, AKnownShiftIsMeasuredAndIsNoVortex) {
   const double noise_adu = 0.01 * median_peak_adu(frame, read_sensor(scratch_ / "sensor.fits"));
   unsigned seed = 7601;
 
-  // The reference frames have a twentieth of that noise. The sensor file must know of it, as a user
-  // knows his camera's, and replay says so where it does not.
+  // The reference frames have a twentieth of that noise. The sensor file must know the noise, as a
+  // user knows that of his camera. If it does not, replay must say so.
   write_shifted(frame, 1, 0, noise_adu, seed, scratch_ / "shifted.fits");
   std::int64_t ignored = 0;
   slopes_of(scratch_ / "shifted.fits", ignored);
-  if (GetParam().name != kFrames[2].name) {  // the star's sky is as uneven as the noise
+  if (GetParam().name != kFrames[2].name) {  // the sky of the star is as uneven as the noise
     EXPECT_NE(said_.find("calibrate again with --read-noise-e"), std::string::npos) << said_;
   }
   calibrate(" --e-per-adu 1 --read-noise-e " + std::to_string(noise_adu));

@@ -1,4 +1,4 @@
-// Known tilts through the program: simulate, calibrate on a plane wave, replay.
+// Known tilts pass through the program: simulate, calibrate on a plane wave, replay.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -26,7 +26,7 @@ class Tilt : public ::testing::TestWithParam<Sampling> {
     ASSERT_EQ(run.exit_code, 0) << arguments << "\n" << run.err;
   }
 
-  /// Mean slope of a tilted beam along x and y.
+  /// Measures the mean slopes of a tilted beam along x and y.
   void measure(const std::string& more, int frames, double& x, double& y) {
     const std::string sensor =
         "--rows 12 --cols 12 --window " + std::to_string(GetParam().window_px) + " --sampling " +
@@ -60,8 +60,9 @@ TEST_P(Tilt, IsMeasuredInFull) {
   double x = 0.0;
   double y = 0.0;
   measure(" --photons 5000", 100, x, y);
-  // A centroid's noise is below .03 px or .1 rad a frame and lenslet, the mean's below 1e-3 and
-  // with the reference's 1.4e-3: half a percent. The rest of 2 % is the gain's to be wrong.
+  // The noise of a centroid is below .03 px or .1 rad a frame and lenslet. That of the mean is
+  // below 1e-3, and with the reference's below 1.4e-3, which is half a percent. The rest of the 2 %
+  // is left to errors of the gain.
   EXPECT_NEAR(x / kTiltX, 1.0, 0.02);
   EXPECT_NEAR(y / kTiltY, 1.0, 0.02);
 }

@@ -72,7 +72,7 @@ TEST(Realisations, WithoutTurbulenceToSpeakOfThereIsNoTruth) {
   const FieldParameters parameters = small_field(0.05);
   const Realisation realisation = simulate_realisation(parameters, seed);
   EXPECT_TRUE(realisation.vortices.empty()) << "seed " << seed;
-  // And where nobody is sure of anything: a vortex on a node shows a D of 3.
+  // The detector must not be sure of anything either: a vortex on a node would show a D of 3.
   MeasurementOptions options;
   options.photons = kWithoutNoise;
   const MeasurementPlan plan(parameters, options);
@@ -95,7 +95,7 @@ TEST(Measurement, SameBitsForSameSeedAndFluxesShareTheField) {
   EXPECT_TRUE(same_bytes(a.slopes.x, b.slopes.x));
   measure_frame(bright, realisation, seed + 1, b);
   EXPECT_FALSE(same_bytes(a.slopes.x, b.slopes.x));
-  // With many photons what is measured is nearly what is measured without noise.
+  // With many photons the measured slopes are nearly those without noise.
   options.photons = kWithoutNoise;
   const MeasurementPlan clean(parameters, options);
   MeasuredFrame c(clean);
@@ -117,7 +117,8 @@ TEST(Measurement, SlopesAreInRadiansPerPitch) {
     MeasurementOptions options;
     options.photons = photons;
     const MeasurementPlan plan(parameters, options);
-    EXPECT_NEAR(static_cast<double>(plan.sensor().gain_x[0]), 0.852, 0.02);  // PHYSICS: ±1.5 λ/w
+    // Gain of a window of ±1.5 λ/w.
+    EXPECT_NEAR(static_cast<double>(plan.sensor().gain_x[0]), 0.852, 0.02);
     SimulatorOptions tilted = simulator_options(parameters, 1);
     tilted.turbulence.reset();
     tilted.scene.tilt_x_rad = 0.2;
@@ -152,7 +153,7 @@ TEST(Measurement, DarkLensletsAreFilledWithNothingKnown) {
     EXPECT_EQ(frame.slopes.x[k], 0.0F);
     EXPECT_GT(frame.slopes.variance_x[k], 20.0F);
   }
-  EXPECT_GT(missing, 20) << "read noise alone rarely exceeds three times itself";
+  EXPECT_GT(missing, 20) << "read noise alone rarely exceeds the threshold of three read noises";
 }
 
 TEST(DetectionRows, EveryOneFindsAnIsolatedVortex) {
@@ -203,7 +204,7 @@ TEST(DetectionBenchmark, ThreadsAndInterruptionsChangeNothing) {
   options.threads = 3;
   const auto together = run_detection_benchmark(options, RealisationCache(""), [] {});
   ASSERT_EQ(alone.size(), 2U);
-  EXPECT_EQ(alone[0].required, alone[1].required) << "one field, two fluxes";
+  EXPECT_EQ(alone[0].required, alone[1].required) << "both fluxes see the same field";
   EXPECT_GT(alone[0].required, 0);
   for (std::size_t cell = 0; cell < alone.size(); ++cell) {
     for (std::size_t row = 0; row < alone[cell].rows.size(); ++row) {
@@ -217,7 +218,8 @@ TEST(DetectionBenchmark, ThreadsAndInterruptionsChangeNothing) {
       }
     }
   }
-  EXPECT_GT(alone[0].rows[0].score.average_precision, 0.3) << "plain |D| without noise";
+  EXPECT_GT(alone[0].rows[0].score.average_precision, 0.3)
+      << "|D| without noise must find vortices";
 }
 
 }  // namespace

@@ -23,7 +23,7 @@ std::vector<bool> required_of(const std::vector<SceneVortex>& vortices) {
   return required;
 }
 
-/// Frames of a few vortices far from one another, at random places.
+/// Returns frames of a few vortices at random places, far from one another.
 std::vector<std::vector<GradedVortex>> random_truths(int frames, RandomStream& random) {
   std::vector<std::vector<GradedVortex>> truths(static_cast<std::size_t>(frames));
   for (auto& truth : truths) {
@@ -38,14 +38,14 @@ std::vector<std::vector<GradedVortex>> random_truths(int frames, RandomStream& r
 }
 
 TEST(GradeVortices, TheClosestPairGoesFirst) {
-  // + at 0, − at .9, + at 1.5: the pair of the last two is closer, so the first one stays.
+  // + at 0, − at .9, + at 1.5: the last two are the closer pair, so the first one stays.
   EXPECT_EQ(required_of({vortex_at(5, 5, 1), vortex_at(5.9, 5, -1), vortex_at(6.5, 5, 1)}),
             (std::vector<bool>{true, false, false}));
-  // In a row .9, .8, .9 apart: the middle pair goes, then nothing is nearer than 1.
+  // In a row .9, .8 and .9 apart, the middle pair goes, and then nothing is nearer than 1.
   EXPECT_EQ(required_of({vortex_at(4, 5, 1), vortex_at(4.9, 5, -1), vortex_at(5.7, 5, 1),
                          vortex_at(6.6, 5, -1)}),
             (std::vector<bool>{true, false, false, true}));
-  // .8, .9, .8 apart: both outer pairs go.
+  // If they are .8, .9 and .8 apart, both outer pairs go.
   EXPECT_EQ(required_of({vortex_at(4, 5, 1), vortex_at(4.8, 5, -1), vortex_at(5.7, 5, 1),
                          vortex_at(6.5, 5, -1)}),
             (std::vector<bool>(4, false)));
@@ -67,7 +67,8 @@ TEST(GradeVortices, IsolatedFromRemovedOnesToo) {
 
 TEST(JudgeFrame, OneToOneByFallingScore) {
   const std::vector<GradedVortex> truth{required_at(5, 5, 1), required_at(5.5, 5, 1)};
-  // The surest takes the nearest, the next what is left, the third is one too many.
+  // The first by score takes the nearest, the next takes what is left, and the third is one too
+  // many.
   const FrameVerdicts frame =
       judge_frame({{5.3, 5, 1, 1.0}, {5.2, 5, 1, 3.0}, {5.1, 5, 1, 2.0}}, truth, kInterior);
   ASSERT_EQ(frame.verdicts.size(), 3U);
@@ -95,9 +96,9 @@ TEST(JudgeFrame, WhatIsNotRequiredExcusesAndIsNotHit) {
   FrameVerdicts frame = judge_frame(
       {{5, 5, 1, 4.0}, {5.2, 5, 1, 3.0}, {5.4, 5, -1, 2.0}, {5, 6, 1, 1.0}}, truth, kInterior);
   EXPECT_EQ(frame.required, 1);
-  ASSERT_EQ(frame.verdicts.size(), 1U) << "two excused of +, one of −";
-  EXPECT_FALSE(frame.verdicts[0].hit) << "a pitch off";
-  // Near both, a required one comes first, then the excuse.
+  ASSERT_EQ(frame.verdicts.size(), 1U) << "two of + and one of − are excused";
+  EXPECT_FALSE(frame.verdicts[0].hit) << "it lies a pitch off and is a false alarm";
+  // Candidates near both kinds hit the required vortex first, and then are excused.
   frame = judge_frame({{5.6, 5, 1, 2.0}, {5.7, 5, 1, 1.0}}, truth, kInterior);
   ASSERT_EQ(frame.verdicts.size(), 1U);
   EXPECT_TRUE(frame.verdicts[0].hit);
@@ -136,7 +137,7 @@ TEST(DetectionRecord, APerfectDetectorScoresOne) {
   EXPECT_NEAR(score.isolated_rms, 0.5, 1e-12);
 }
 
-/// Verdicts of one frame from "+-", by falling score.
+/// Makes the verdicts of one frame from a text of + (hit) and - (false alarm), by falling score.
 FrameVerdicts verdicts(const std::string& outcomes, int required) {
   FrameVerdicts frame;
   frame.required = required;
@@ -164,8 +165,8 @@ TEST(DetectionRecord, ARandomRankingHasThePrecisionOfChance) {
     frame.required = 20;
     for (int i = 0; i < 80; ++i) frame.verdicts.push_back({random.uniform(), i < 20, false, 0.0});
   }
-  // All found at last, a quarter of what is named: precision .25 at every recall. Of 1000 hits and
-  // 3000 false alarms the average scatters by about .006.
+  // In the end all are found, which are a quarter of those named: the precision is .25 at every
+  // recall. With 1000 hits and 3000 false alarms the average scatters by about .006.
   EXPECT_NEAR(DetectionRecord(frames).score(0.0).average_precision, 0.25, 0.03) << "seed " << kSeed;
 }
 
@@ -184,7 +185,7 @@ TEST(DetectionRecord, RecallAtAFalseAlarmInTwentyFrames) {
   std::vector<FrameVerdicts> frames(20, verdicts("", 0));
   frames[0] = verdicts("+-+-+", 3);
   EXPECT_NEAR(DetectionRecord(frames).score(0.0).recall, 2.0 / 3.0, 1e-12);
-  frames.pop_back();  // one false alarm is now too many
+  frames.pop_back();  // now one false alarm is too many
   EXPECT_NEAR(DetectionRecord(frames).score(0.0).recall, 1.0 / 3.0, 1e-12);
 }
 
@@ -199,7 +200,7 @@ TEST(DetectionRecord, NothingRequiredOrNothingFound) {
   EXPECT_TRUE(std::isnan(blind.score(0.0).rms));
 }
 
-// Frames that each find a vortex with probability .7 and name nothing else: F1 = 2p/(1 + p).
+// Each frame finds a vortex with probability p = .7 and names nothing else: F1 = 2p/(1 + p).
 TEST(DetectionRecord, BootstrapIntervalsCoverTheTruth) {
   constexpr std::uint64_t kSeed = 5;
   constexpr int kTrials = 200;
@@ -218,7 +219,7 @@ TEST(DetectionRecord, BootstrapIntervalsCoverTheTruth) {
                    ? 1
                    : 0;
   }
-  // 95 % of 200 are 190; percentile intervals of 60 frames are a little short, chance adds ±6.
+  // 95 % of 200 are 190. Percentile intervals of 60 frames are a little short, and chance adds ±6.
   EXPECT_GT(covered, 174) << "seed " << kSeed;
 }
 
@@ -231,7 +232,7 @@ TEST(DetectionRecord, BootstrapsOfOneSeedDrawTheSameFrames) {
   const auto samples_a = DetectionRecord(a).bootstrap(0.0, 50, 7);
   const auto samples_b = DetectionRecord(b).bootstrap(0.0, 50, 7);
   for (std::size_t i = 0; i < samples_a.size(); ++i)
-    EXPECT_GT(samples_a[i].f1, samples_b[i].f1) << "worse in every single sample";
+    EXPECT_GT(samples_a[i].f1, samples_b[i].f1) << "b must be worse than a in every single sample";
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// The stated rate of the whitened detector, through simulated photons; and that it never allocates.
+// The stated rate of the whitened detector holds for simulated photons, and it never allocates.
 #include "service/bench/false_alarm_benchmark.h"
 
 #include <gtest/gtest.h>
@@ -26,7 +26,7 @@ TEST(FalseAlarmBenchmark, WhitenedAlarmsAreAsStatedAtTwoFluxes) {
   for (const FalseAlarmCount& count : count_false_alarms(options, [] {})) {
     SCOPED_TRACE(::testing::Message() << count.detector << ", " << count.photons << " photons, "
                                       << count.rate << " a frame");
-    // The promise is ±20 %; three standard deviations of the count on top.
+    // The promise is ±20 %, to which three standard deviations of the count are added.
     const double slack = 0.20 + 3.0 / std::sqrt(count.rate * static_cast<double>(count.frames));
     if (count.detector == "whitened" || count.detector == "circulation") {
       EXPECT_NEAR(count.ratio(), 1.0, slack);
@@ -34,14 +34,14 @@ TEST(FalseAlarmBenchmark, WhitenedAlarmsAreAsStatedAtTwoFluxes) {
       EXPECT_GE(count.ratio_high(), count.ratio());
       ++checked;
     } else {
-      EXPECT_LT(count.ratio(), 1.0 + slack) << "the least probability only takes away";
+      EXPECT_LT(count.ratio(), 1.0 + slack) << "a least probability can only lower the rate";
     }
   }
   EXPECT_EQ(checked, 8);
 }
 
 TEST(FalseAlarmBenchmark, IntervalIsThatOfAPoissonCount) {
-  // Exact: the means of which 10 is the upper and the lower 2.5 % point are 4.795 and 18.390.
+  // The exact means for which 10 is the upper and the lower 2.5 % point are 4.795 and 18.390.
   FalseAlarmCount count;
   count.rate = 1.0;
   count.frames = 1;
@@ -71,7 +71,7 @@ TEST(WhitenedFinder, NeverAllocates) {
   const long allocated = allocations_of_this_thread(
       [&] { find_whitened_vortices(plan, slopes, flux, map, workspace, vortices); });
   EXPECT_EQ(allocated, 0);
-  EXPECT_FALSE(vortices.empty()) << "nothing was done";
+  EXPECT_FALSE(vortices.empty()) << "the finder must have found something";
 }
 
 }  // namespace

@@ -45,7 +45,8 @@ TEST(PhaseField, IsTheFieldThatTheLightIsMadeOf) {
       for (int i = 0; i < w; ++i)
         for (int j = 0; j < w; ++j)
           light += static_cast<double>(realisation.light(r * w + i, c * w + j));
-      // The window holds a part of the lenslet's light; n points a side are not quite its mean.
+      // The window holds a part of the lenslet's light, and n points along a side are not quite its
+      // mean.
       EXPECT_LT(light, 1.05 * power + 0.01) << "seed " << seed << " lenslet " << r << ' ' << c;
       all_light += light;
       all_power += power;
@@ -70,11 +71,11 @@ TEST(PhaseField, ComesBackFromTheCache) {
   };
   expect_same(cache.read_or_simulate(parameters, seed));
   const std::string file = std::filesystem::directory_iterator(scratch / "fields")->path();
-  write_bytes(file, read_bytes(file).substr(0, 3000));  // cut off: made again
+  write_bytes(file, read_bytes(file).substr(0, 3000));  // a file that was cut off is made again
   expect_same(cache.read_or_simulate(parameters, seed));
 }
 
-/// exp(iφ) at 8 points a lenslet, φ quadratic and with one vortex in its middle.
+/// The field is exp(iφ) at 8 points a lenslet, where φ is quadratic and has a vortex in its middle.
 TEST(StrehlRatio, IsOneForTheFieldsOwnPhase) {
   const int rows = 9;
   const auto smooth = [](double x, double y) { return 0.4 * x - 0.1 * y + 0.05 * x * y; };
@@ -99,7 +100,7 @@ TEST(StrehlRatio, IsOneForTheFieldsOwnPhase) {
   }
   const Strehl whole = strehl_after(field, estimate);
   EXPECT_NEAR(whole.ideal, 1.0, 1e-5);
-  EXPECT_LT(whole.mirror, 0.99);  // it bridges the cut
+  EXPECT_LT(whole.mirror, 0.99);  // the mirror bridges the branch cut
   EXPECT_GT(whole.mirror, 0.8);
   const double alone = strehl_after(field, {estimate.smooth, {}, {}}).ideal;
   EXPECT_LT(alone, 0.1);
@@ -158,7 +159,7 @@ TEST(PhaseBenchmark, HiddenPhaseOfTheTrueVorticesGainsAndThreadsDoNotCount) {
 
 TEST(NoAllocation, HiddenPhase) {
   if (!kCountsAllocations) GTEST_SKIP() << "the sanitizer owns malloc";
-  const int n = 30;  // several tiles
+  const int n = 30;  // more than one tile
   Image<std::uint8_t> valid(n, n, 1);
   valid(12, 13) = valid(0, 0) = 0;
   for (const bool weighted : {false, true}) {

@@ -22,7 +22,7 @@ namespace {
 constexpr int kSamples = 16;
 constexpr std::uint64_t kSeed = 11;
 
-/// slope·[(x − x0) + i(y − y0)] over 2×2 lenslets, with a margin of one.
+/// Returns slope·[(x − x0) + i(y − y0)] over 2×2 lenslets, with a margin of one.
 SampledField linear_vortex(double slope, double x0, double y0) {
   SampledField field;
   field.samples_per_lenslet = kSamples;
@@ -38,7 +38,8 @@ SampledField linear_vortex(double slope, double x0, double y0) {
   return field;
 }
 
-/// Modes over 2×2 lenslets: 1, and with it x and y (from the node) if asked for, as wide as given.
+/// Returns modes over 2×2 lenslets, as wide as given: 1, and with count 3 also x and y from the
+/// node.
 FieldModes simple_modes(int count, double deviation) {
   FieldModes modes{2, kSamples, 1.0, 1, {}};
   for (int lenslet = 0; lenslet < 4; ++lenslet) {
@@ -62,7 +63,7 @@ TEST(PixelInformation, IsThatOfPoissonAndReadNoise) {
   for (const double sigma : {0.7, 1.0, 2.0}) {
     const PixelInformation information(sigma);
     EXPECT_NEAR(information(0.0), std::exp(1.0 / (sigma * sigma)) - 1.0,
-                0.01 * information(0.0));  // the faintest of the table holds 1e-3 electrons
+                0.01 * information(0.0));  // the faintest entry of the table holds 1e-3 electrons
     for (const double mean : {0.03, 0.2, 1.0, 4.0, 20.0, 64.0, 500.0}) {
       EXPECT_LT(information(mean), 1.0 / mean);
       EXPECT_GT(information(mean), 0.99 / (mean + sigma * sigma)) << mean << ' ' << sigma;
@@ -98,14 +99,15 @@ TEST(SpotDerivative, IsTheSimulatorsLightAndItsDerivative) {
       for (int j = 0; j < kSamples; ++j) sum += gradient(p, i * kSamples + j) * change(i, j);
     const auto k = static_cast<std::size_t>(p);
     EXPECT_NEAR(light(p), at[k], 1e-12);
-    EXPECT_NEAR(sum.real(), 0.5 * (plus[k] - minus[k]), 1e-12);  // light is quadratic: exact
+    // Exact, because light is quadratic.
+    EXPECT_NEAR(sum.real(), 0.5 * (plus[k] - minus[k]), 1e-12);
   }
 }
 
 // Only the place is unknown: u = s[(x + iy) − c]. With fine pixels, all light seen and no read
-// noise a lenslet has 4N∫(Re e^(−iφ)Ê₁)² of information on Re c and the same of Im on Im c, φ the
-// far field's phase and ∫|Ê₁|² = 1: together 4N, 16N of four lenslets, 8N on either by symmetry. So
-// the rms distance is √(2/8N)/s = 1/(2s√N).
+// noise, a lenslet has the information 4N∫(Re e^(−iφ)Ê₁)² on Re c, and the same with Im on Im c,
+// where φ is the far field's phase and ∫|Ê₁|² = 1. Together this is 4N, so four lenslets have 16N,
+// which is 8N on either part by symmetry. So the rms distance is √(2/8N)/s = 1/(2s√N).
 TEST(PositionBound, OfALinearCoreIsOneOverTwiceSlopeAndRootOfPhotons) {
   for (const double slope : {1.0, 0.3}) {
     const GradedVortex vortex{0.5 + 1e-9, 0.5 + 1e-9, 1};
@@ -123,7 +125,7 @@ TEST(PositionBound, OfALinearCoreIsOneOverTwiceSlopeAndRootOfPhotons) {
   }
 }
 
-// Nothing is seen: what is left is the prior, which moves the zero by deviation·amplitude/slope.
+// Nothing is seen, so only the prior is left, which moves the zero by deviation·amplitude/slope.
 TEST(PositionBound, WithoutLightIsThePrior) {
   const SpotDerivative spots(kSamples, 2.0, 6);
   const VortexView view =
@@ -136,7 +138,7 @@ TEST(PositionBound, WithoutLightIsThePrior) {
   EXPECT_NEAR(covariance(1, 1), moved * moved, 1e-6);
 }
 
-/// The largest likelihood by Gauss and Newton reaches the bound where light is plenty.
+/// The maximum of the likelihood, found by Gauss and Newton, reaches the bound if light is plenty.
 TEST(PositionBound, IsReachedByMaximumLikelihood) {
   constexpr double kPhotons = 20000.0;
   constexpr int kTrials = 250;
@@ -154,7 +156,7 @@ TEST(PositionBound, IsReachedByMaximumLikelihood) {
     Eigen::VectorXd counts(truth.light.size());
     for (Eigen::Index p = 0; p < counts.size(); ++p)
       counts(p) = random.poisson(kPhotons * truth.light(p)) + random.gaussian();
-    // The field: constant + x·along_x + y·along_y, x and y from the node.
+    // The field is constant + x·along_x + y·along_y, with x and y from the node.
     std::array<std::complex<double>, 3> c{
         std::complex<double>(0.5 - x0, 0.5 - y0), {1.0, 0.0}, {0.0, 1.0}};
     for (int step = 0; step < 3; ++step) {
@@ -185,7 +187,7 @@ TEST(PositionBound, IsReachedByMaximumLikelihood) {
     const Eigen::Vector2d at = -slope.inverse() * Eigen::Vector2d(c[0].real(), c[0].imag());
     squares += (at - Eigen::Vector2d(x0 - 0.5, y0 - 0.5)).squaredNorm();
   }
-  // A mean of 250 squares of two deviates each: 4 of its σ, √(1/250)·√(up to 2).
+  // A mean of 250 squares of two deviates each may be 4 of its σ off, which is √(1/250)·√(up to 2).
   EXPECT_NEAR(squares / kTrials / bound, 1.0, 4.0 * std::sqrt(1.5 / kTrials)) << "seed " << kSeed;
 }
 
@@ -199,7 +201,7 @@ TEST(TruncatedError, IsClosedForACircleAndTheWholeFarOut) {
   ellipse << 0.5, 0.2, 0.2, 0.1;
   EXPECT_NEAR(truncate_error(ellipse, 100.0).square, 0.6, 1e-6);
   EXPECT_NEAR(truncate_error(ellipse, 100.0).probability, 1.0, 1e-9);
-  // So wide that it is flat: anywhere in the circle, mean square R²/2.
+  // If the Gaussian is so wide that it is flat, the mean square in the circle is R²/2.
   EXPECT_NEAR(truncate_error(1e4 * circle, 0.75).square, 0.5 * 0.75 * 0.75, 1e-3);
 }
 
@@ -232,7 +234,7 @@ TEST_F(FieldModesOfTurbulence, AreOrthogonalByFallingStrengthAndHoldNearlyAll) {
   Eigen::MatrixXcd products = Eigen::MatrixXcd::Zero(40, 40);
   for (const Eigen::MatrixXcd& values : modes_->values)
     products += values.adjoint() * values / (36.0 * kSamples * kSamples);
-  // Either part of a coefficient has variance 1: a mode gives twice its mean square.
+  // Each part of a coefficient has variance 1, so a mode gives twice its mean square.
   EXPECT_NEAR(2.0 * products.trace().real(), modes_->power, 1e-9);
   EXPECT_GT(modes_->power, 0.9);
   EXPECT_LE(modes_->power, 1.0 + 1e-9);
@@ -260,8 +262,8 @@ TEST_F(FieldModesOfTurbulence, BoundSeesTheBenchmarksLightAndFallsWithLightAndLe
       ++seen;
       negative += vortex.charge < 0 ? 1 : 0;
       const VortexView view = view_vortex(true_field, vortex, 16, 16, *modes_, spots);
-      // The first lenslet of the innermost ring: upper left of the node; where the patch is
-      // mirrored its spots are, and it is the right one.
+      // The first lenslet of the innermost ring is the upper left one of the node. If the patch is
+      // mirrored, so are its spots, and it is the right one.
       const bool mirrored = vortex.charge < 0;
       const int row = static_cast<int>(std::floor(vortex.y)) * 6;
       const int col = (static_cast<int>(std::floor(vortex.x)) + (mirrored ? 1 : 0)) * 6;
@@ -278,9 +280,9 @@ TEST_F(FieldModesOfTurbulence, BoundSeesTheBenchmarksLightAndFallsWithLightAndLe
           const double trace = covariances[k].trace();
           EXPECT_GE(covariances[k].determinant(), -1e-12);
           if (k > 0) {
-            EXPECT_GT(trace, covariances[k - 1].trace());  // less light
+            EXPECT_GT(trace, covariances[k - 1].trace());  // with less light
           }
-          // More lenslets; two ways of rounding where there is no noise.
+          // More lenslets never raise the bound, except by rounding where there is no noise.
           if (lenslets > 2) {
             EXPECT_LE(trace, traces[k] * (1.0 + 1e-9) + 1e-8);
           }
@@ -324,7 +326,8 @@ TEST(PositionBenchmark, GivesABoundBelowTheClassifierWhateverTheThreads) {
   EXPECT_LE(cell.score.bounds[1].uncut, cell.score.bounds[0].uncut);
   int in_classes = 0;
   for (const PositionClass& kind : cell.classes) in_classes += kind.score.vortices;
-  EXPECT_EQ(in_classes, 3 * cell.score.vortices);  // by light, by neighbour, by place
+  // Each vortex has a class by light, by neighbour and by place.
+  EXPECT_EQ(in_classes, 3 * cell.score.vortices);
   options.threads = 2;
   const auto again = run_position_benchmark(options, cache, [] {});
   EXPECT_EQ(again[0].score.rms, cell.score.rms);

@@ -54,7 +54,7 @@ TEST(IdentifyVortices, FollowsThemAndMarksBirthsAndDeaths) {
 }
 
 TEST(IdentifyVortices, GoesByWhereTheyShouldBe) {
-  // Two of one charge meet head on: the nearest from step to step would be the wrong one.
+  // Two of one charge meet head on, where the nearest from step to step would be the wrong one.
   std::vector<std::vector<SceneVortex>> steps;
   for (int i = 0; i < 6; ++i)
     steps.push_back({scene(4.0 + 0.4 * i, 5, 1), scene(6.1 - 0.4 * i, 5, 1)});
@@ -79,9 +79,9 @@ TEST(ScoreTracks, CountsEachKindOfMistake) {
   std::vector<std::vector<TrueVortex>> frames(4, {truth(5, 5, 1, 7), truth(9, 9, -1, 8)});
   const std::vector<std::vector<ReportedVortex>> reported{
       {{5.3, 5, 1, 0}, {9, 9.4, -1, 1}},                // both hit
-      {{5.3, 5, 1, 0}, {9, 9.4, -1, 2}},                // another track for the second
-      {{5.3, 5, 1, 0}, {12, 3, 1, 3}},                  // the second missed, and a false one
-      {{5.3, 5, -1, 0}, {9, 9.4, -1, 2}, {0, 3, 1, 4}}  // wrong charge; and one at the rim
+      {{5.3, 5, 1, 0}, {9, 9.4, -1, 2}},                // another track hits the second vortex
+      {{5.3, 5, 1, 0}, {12, 3, 1, 3}},                  // the second is missed, and one is false
+      {{5.3, 5, -1, 0}, {9, 9.4, -1, 2}, {0, 3, 1, 4}}  // a wrong charge, and one at the rim
   };
   const auto counts = score_tracks(frames, reported, kInterior);
   EXPECT_EQ(counts[1].switches, 1.0);
@@ -96,7 +96,7 @@ TEST(ScoreTracks, CountsEachKindOfMistake) {
   EXPECT_EQ(total.false_tracks, 1.0);
   EXPECT_NEAR(total.rms(), std::sqrt((3 * 0.09 + 3 * 0.16) / 6.0), 1e-12);
   EXPECT_NEAR(total.accuracy(), 1.0 - 5.0 / 8.0, 1e-12);
-  // Its own tracks: 0 for the first, three hits; 2 for the second, two.
+  // The first vortex's own track is 0, with three hits; the second's is 2, with two.
   EXPECT_EQ(total.consistent_hits, 5.0);
 }
 
@@ -121,11 +121,11 @@ TEST(LinkNearest, LinksWhatIsAboveTheThreshold) {
   EXPECT_NEAR(frames[1][0].velocity_x, 0.2, 1e-6);
   EXPECT_NE(frames[1][1].track, frames[0][0].track);
   EXPECT_TRUE(std::isnan(frames[1][1].velocity_x));
-  EXPECT_NE(frames[2][0].track, frames[0][0].track);  // farther than .75
+  EXPECT_NE(frames[2][0].track, frames[0][0].track);  // it moved farther than .75
 }
 
 TEST(Track, IsBetterThanLinkingWhereDetectionIsPoor) {
-  // Four vortices that drift, seen in two frames of three, among clutter.
+  // Four vortices drift and are seen in two frames of three, among clutter.
   constexpr std::uint64_t kSeed = 11;
   RandomStream random(kSeed, 0);
   std::vector<std::vector<SceneVortex>> steps;
@@ -180,7 +180,7 @@ TEST(ReadOrSimulate, ArraysSeePartsOfOneField) {
     EXPECT_EQ(arrays[3].light[f](3, 5), all[0].light[f](19, 21));
     EXPECT_GT(arrays[3].light[f](3, 5), 0.0F);
   }
-  EXPECT_NE(arrays[0].light[0](3, 5), arrays[0].light[1](3, 5));  // it drifts
+  EXPECT_NE(arrays[0].light[0](3, 5), arrays[0].light[1](3, 5));  // the field drifts
 }
 
 TEST(VortexTracker, AllocatesNothing) {

@@ -1,4 +1,4 @@
-// The daemon in this process, on cameras that need no hardware: what it does at the edges.
+// The daemon runs in this process, on cameras that need no hardware, and meets unusual situations.
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -32,7 +32,7 @@ SimulatorOptions few_frames() {
   return options;
 }
 
-/// A recording of few frames and a sensor that fits it.
+/// Makes a recording of a few frames and a sensor that fits it.
 class EdgeOfDaemon : public ::testing::Test {
  protected:
   void SetUp() override {
@@ -70,7 +70,7 @@ TEST_F(EdgeOfDaemon, ARecordingPlayedSlowerThanTheTimeoutIsNotLost) {
 }
 
 TEST_F(EdgeOfDaemon, ARecordingThatCannotBeReadToItsEndIsAFailureAndNotBegunAgain) {
-  // Opened and read from, then cut in the middle of its last frame.
+  // The recording is opened and read from, and then cut in the middle of its last frame.
   Config slow = config();
   slow.camera.frame_rate_hz = 2.0;
   DaemonLimits limits;
@@ -95,12 +95,12 @@ TEST_F(EdgeOfDaemon, StatusIsAnsweredWhateverBytesTheCameraIsCalledBy) {
   Daemon daemon([&] { return socket; }, {});
   std::string answer;
   std::thread asks([&] {
-    // The reason of the state streaming holds the name.
+    // While the daemon streams, the reason of its state holds the camera's name.
     for (int i = 0; i < 100 && answer.find("streaming") == std::string::npos; ++i) {
       std::this_thread::sleep_for(10ms);
       try {
         answer = ask_daemon(socket.daemon.control, "status");
-      } catch (const Failure&) {  // ended
+      } catch (const Failure&) {  // the daemon has ended
         break;
       }
     }
@@ -129,7 +129,7 @@ TEST(ControlSocketEdge, SomebodyWhoDribblesIsNotListenedToForEver) {
   std::atomic<bool> served{false};
   int sent = 0;
   std::thread dribbles([&] {
-    while (!served && sent < 300) {  // 30 s
+    while (!served && sent < 300) {  // for 30 s at most
       if (send(peer, "x", 1, MSG_NOSIGNAL) == 1) ++sent;
       std::this_thread::sleep_for(100ms);
     }

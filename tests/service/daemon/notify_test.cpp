@@ -1,4 +1,4 @@
-// What a service manager hears, by a socket of the test's own in its place.
+// What a service manager hears; a socket of this test takes its place.
 #include "service/daemon/notify.h"
 
 #include <gmock/gmock.h>
@@ -20,7 +20,7 @@ using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 using ::testing::MatchesRegex;
 
-/// A service manager's end: a datagram socket, and the environment a service is started with.
+/// A service manager's end: a datagram socket, and the environment in which a service is started.
 class FakeManager {
  public:
   explicit FakeManager(const char* watchdog_us = nullptr) {
@@ -43,7 +43,7 @@ class FakeManager {
   FakeManager& operator=(const FakeManager&) = delete;
 
   bool usable() const { return usable_; }
-  /// All that came since the last call.
+  /// Returns all messages that came since the last call.
   std::vector<std::string> heard() {
     std::vector<std::string> messages;
     char buffer[4096];
@@ -63,7 +63,7 @@ TEST(Supervisor, HearsTheLifeOfAService) {
   ASSERT_TRUE(manager.usable());
   Supervisor supervisor;
   EXPECT_TRUE(supervisor.listens());
-  EXPECT_THAT(manager.heard(), IsEmpty()) << "nothing before it is ready";
+  EXPECT_THAT(manager.heard(), IsEmpty()) << "it must say nothing before it is ready";
   supervisor.ready("streaming");
   supervisor.status("1000.2 frames/s");
   supervisor.reloading();
@@ -112,7 +112,7 @@ TEST(Supervisor, TheWatchdogIsNotFedWhereNobodyWatches) {
 }
 
 TEST(Supervisor, TheWatchdogIsFedOncePerHalfPeriod) {
-  FakeManager manager("3600000000");  // an hour: the second word is never due
+  FakeManager manager("3600000000");  // an hour, so that the second message is never due
   ASSERT_TRUE(manager.usable());
   Supervisor supervisor;
   EXPECT_EQ(supervisor.watchdog_period(), std::chrono::hours(1));
@@ -134,7 +134,7 @@ TEST(Supervisor, TheWatchdogIsFedAgainAndAgain) {
     words += heard.size();
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  // Five words have four half periods between them, however slow the machine.
+  // Five messages have four half periods between them, however slow the machine is.
   EXPECT_GE(std::chrono::steady_clock::now() - begin, 4 * kPeriod / 2);
 }
 

@@ -1,4 +1,4 @@
-// What was asked of the operating system was got, or was refused in one sentence; never half.
+// Whatever is asked of the operating system is either got or refused in one sentence.
 #include "service/realtime/realtime.h"
 
 #include <fcntl.h>
@@ -36,7 +36,7 @@ long kilobytes(const char* file, const std::string& name) {
 }
 long locked_kb() { return kilobytes("/proc/self/status", "VmLck"); }
 
-/// mlockall does nothing under a sanitizer.
+/// Tells whether mlockall works; under a sanitizer it does nothing.
 bool locking_works() {
   if (mlockall(MCL_CURRENT) != 0) return false;
   const bool locked = locked_kb() > 0;
@@ -141,7 +141,7 @@ TEST(Realtime, APinnedThreadRunsThereOnly) {
 }
 
 TEST(Realtime, ACpuThatIsNotThereIsRefusedAndChangesNothing) {
-  if (sysconf(_SC_NPROCESSORS_CONF) > 1023) GTEST_SKIP() << "CPU 1023 is there";
+  if (sysconf(_SC_NPROCESSORS_CONF) > 1023) GTEST_SKIP() << "this machine has a CPU 1023";
   for (const int cpu : {1023, 1024, 100000, -1})
     on_a_thread([cpu] {
       const std::vector<int> before = own_cpus();
@@ -155,8 +155,8 @@ TEST(Realtime, ACpuThatIsNotThereIsRefusedAndChangesNothing) {
 }
 
 TEST(Realtime, HalfOfTheCpusIsNotAllOfThem) {
-  if (sysconf(_SC_NPROCESSORS_CONF) > 1023) GTEST_SKIP() << "CPU 1023 is there";
-  // The kernel takes a set of which one CPU exists, and gives that one.
+  if (sysconf(_SC_NPROCESSORS_CONF) > 1023) GTEST_SKIP() << "this machine has a CPU 1023";
+  // The kernel accepts a set of which only one CPU exists, and gives that one.
   on_a_thread([] {
     const int cpu = own_cpus().front();
     const auto refused = enter_realtime("half", {cpu, 1023}, 0);
@@ -172,7 +172,7 @@ TEST(Realtime, PriorityIsGotOrRefused) {
     const bool permitted = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters) == 0;
     std::vector<std::string> refused;
     Scheduling got;
-    std::thread([&] {  // inherits nothing of what the permission was tried with
+    std::thread([&] {  // the new thread inherits nothing from the thread that tried the permission
       parameters.sched_priority = 0;
       pthread_setschedparam(pthread_self(), SCHED_OTHER, &parameters);
       refused = enter_realtime("fast", {}, 12);
@@ -200,7 +200,7 @@ TEST(Realtime, AnOrdinaryUserIsToldHowToGetPriority) {
 }
 
 TEST(Realtime, AnOrdinaryUserWithTheLimitGetsPriority) {
-  // Raising a hard limit is root's right.
+  // Only root may raise a hard limit.
   if (geteuid() != 0) GTEST_SKIP() << "not root";
   const std::string said = as_ordinary_user(30, kEightMegabytes, [] {
     const std::string within = joined(enter_realtime("within", {}, 30));
@@ -208,7 +208,8 @@ TEST(Realtime, AnOrdinaryUserWithTheLimitGetsPriority) {
     return within + std::to_string(got) + " " + joined(enter_realtime("beyond", {}, 31));
   });
   if (said == kNoSuchLimits) GTEST_SKIP() << "this root may not raise limits";
-  if (said.rfind("thread within", 0) == 0) GTEST_SKIP() << said;  // a group without run time
+  // Its control group has no real-time run time.
+  if (said.rfind("thread within", 0) == 0) GTEST_SKIP() << said;
   EXPECT_EQ(said.rfind("30 thread beyond", 0), 0U) << said;
   EXPECT_THAT(said, HasSubstr("RLIMIT_RTPRIO is 30"));
 }
@@ -216,7 +217,7 @@ TEST(Realtime, AnOrdinaryUserWithTheLimitGetsPriority) {
 TEST(Realtime, AnOrdinaryUserIsNotLeftWithoutMemory) {
   const std::string said = as_ordinary_user(0, kEightMegabytes, [] {
     const ProcessRealtime process(memory_lock());
-    // All of this would fail after mlockall(MCL_FUTURE) under the limit.
+    // After mlockall(MCL_FUTURE) under the limit, all of this would fail.
     std::vector<std::vector<char>> memory;
     for (int i = 0; i < 16; ++i) memory.emplace_back(std::size_t{4} << 20, 'x');
     std::thread([] {}).join();
@@ -231,7 +232,7 @@ TEST(Realtime, AnOrdinaryUserIsNotLeftWithoutMemory) {
 TEST(Realtime, UnderALargeLimitOnlyWhatIsThereIsLocked) {
   if (geteuid() != 0) GTEST_SKIP() << "not root";
   if (!locking_works()) GTEST_SKIP() << "mlockall does nothing here";
-  // Large against this program, small against what it allocates afterwards.
+  // The limit is large against this program and small against what it allocates afterwards.
   constexpr rlim_t kLimit = rlim_t{2} << 30;
   const std::string said = as_ordinary_user(0, kLimit, [] {
     const ProcessRealtime process(memory_lock());
@@ -300,12 +301,12 @@ TEST(Realtime, CStatesAreHeldAsLongAsTheObjectLives) {
 }
 
 TEST(Realtime, AnOrdinaryUserIsToldHowToHoldCStates) {
-  if (geteuid() != 0) GTEST_SKIP() << "this user may have been allowed it";
+  if (geteuid() != 0) GTEST_SKIP() << "this user may have the right";
   const std::string said = as_ordinary_user(0, kEightMegabytes, [] {
     const ProcessRealtime process(longest_wakeup(0));
     return joined(process.got()) + "/" + joined(process.refused());
   });
-  if (said.rfind("/", 0) != 0) GTEST_SKIP() << "everybody may: " << said;
+  if (said.rfind("/", 0) != 0) GTEST_SKIP() << "everybody has the right: " << said;
   EXPECT_EQ(said.rfind("/C-states are not held", 0), 0U) << said;
   EXPECT_THAT(said, HasSubstr("/dev/cpu_dma_latency"));
 }

@@ -45,7 +45,7 @@ FrameFormat format_of(int rows, int cols, PixelType type = PixelType::kU16) {
 }
 const FrameFormat kSmall = format_of(50, 100);  // 10 kB
 
-/// What the recorder said, from whichever thread.
+/// Collects what the recorder said, from whichever thread.
 class Sentences {
  public:
   std::function<void(const std::string&)> log() {
@@ -68,7 +68,7 @@ class Sentences {
   std::vector<std::string> all_;
 };
 
-/// Hands in numbered frames; those that shall not get lost one at a time, as fast as there is room.
+/// Hands in numbered frames. add_all() gives the writer time, so that no frame gets lost.
 class Source {
  public:
   Source(Recorder& recorder, const FrameFormat& format) : recorder_(recorder), frame_(format) {}
@@ -78,7 +78,7 @@ class Source {
     recorder_.add(frame_, has_vortex);
     ++added_;
   }
-  /// Frames from..to (to not included), waiting for the writer now and then.
+  /// Hands in frames from..to (to not included), and waits for the writer now and then.
   void add_all(std::int64_t from, std::int64_t to) {
     for (std::int64_t n = from; n < to; ++n) {
       add(n);
@@ -93,7 +93,7 @@ class Source {
   std::int64_t added_ = 0;
 };
 
-/// false where it did not come true in a minute.
+/// Returns false if the condition did not come true within a minute.
 bool eventually(const std::function<bool()>& condition) {
   for (int i = 0; i < 12000; ++i) {
     if (condition()) return true;
@@ -102,13 +102,13 @@ bool eventually(const std::function<bool()>& condition) {
   return false;
 }
 
-/// All frames are either on disk or dropped, and none is on its way.
+/// Returns whether all frames are on disk or dropped, so that none is on its way.
 bool settled(const Recorder& recorder, std::int64_t added) {
   const RecorderCounts counts = recorder.counts();
   return counts.recorded + counts.dropped == added;
 }
 
-/// The sequence numbers in each recording of a folder, by name; every pixel is checked.
+/// Returns the sequence numbers in each recording of a folder, by name, and checks every pixel.
 std::map<std::string, std::vector<std::int64_t>> recorded(const std::string& folder) {
   std::map<std::string, std::vector<std::int64_t>> files;
   for (const auto& entry : fs::directory_iterator(folder)) {
@@ -130,13 +130,13 @@ std::map<std::string, std::vector<std::int64_t>> recorded(const std::string& fol
   return files;
 }
 
-std::vector<std::int64_t> numbers(std::int64_t from, std::int64_t to) {  // to not included
+std::vector<std::int64_t> numbers(std::int64_t from, std::int64_t to) {  // `to` is not included
   std::vector<std::int64_t> all;
   for (std::int64_t n = from; n < to; ++n) all.push_back(n);
   return all;
 }
 
-/// The files' frames one after the other, in the order of their names.
+/// Returns the files' frames one after the other, in the order of their names.
 std::vector<std::int64_t> joined(const std::map<std::string, std::vector<std::int64_t>>& files) {
   std::vector<std::int64_t> all;
   for (const auto& [name, sequence] : files) {
@@ -171,7 +171,7 @@ TEST(Recorder, RecordsEveryFrameAndNamesTheFileByItsFirst) {
     }
     const auto files = recorded(scratch.path());
     ASSERT_EQ(files.size(), 1U);
-    // 1 800 000 000.007 s since 1970.
+    // The first frame came 1 800 000 000.007 s since 1970.
     EXPECT_EQ(files.begin()->first, "curlew-20270115T080000.007Z.fits");
     EXPECT_EQ(files.begin()->second, numbers(7, 1000));
     EXPECT_EQ(said.with("curlew-20270115T080000.007Z.fits is complete: 993 frames").size(), 1U);
@@ -221,14 +221,14 @@ TEST(Recorder, CountsEveryFrameThatItHadNoMemoryFor) {
   const ScratchDirectory scratch;
   RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
   options.memory_mb = 1;
-  const FrameFormat format = format_of(512, 512);  // 2 in a megabyte, and 4 are the least
+  const FrameFormat format = format_of(512, 512);  // 2 fit into a megabyte, and the least is 4
   Sentences said;
   std::int64_t recorded_count = 0;
   std::int64_t dropped = 0;
   {
     Recorder recorder(options, format, Optics{}, Detector{}, said.log());
     FrameBuffer frame(format);
-    for (std::int64_t n = 0; n < 400; ++n) {  // as fast as memory
+    for (std::int64_t n = 0; n < 400; ++n) {  // as fast as memory allows
       frame.header.sequence = n;
       recorder.add(frame, false);
     }
@@ -246,7 +246,7 @@ TEST(Recorder, CountsEveryFrameThatItHadNoMemoryFor) {
   EXPECT_EQ(on_disk, recorded_count);
 }
 
-/// The recordings of trigger mode; act hands in the frames.
+/// Returns the recordings of trigger mode. act hands in the frames.
 std::map<std::string, std::vector<std::int64_t>> triggered(
     const std::function<void(Recorder&, Source&)>& act, bool on_vortex = false) {
   const ScratchDirectory scratch;
@@ -278,7 +278,7 @@ TEST(Recorder, ATriggerRecordsFromBeforeItToAfterIt) {
 TEST(Recorder, WithoutATriggerNothingIsRecorded) {
   EXPECT_TRUE(triggered([](Recorder&, Source& source) {
                 source.add_all(0, 300);
-                source.add(300, true);  // a vortex, which is no trigger here
+                source.add(300, true);  // this frame has a vortex, which is no trigger here
                 source.add_all(301, 400);
               }).empty());
 }
@@ -298,14 +298,14 @@ TEST(Recorder, AVortexIsATriggerWhereThatIsAskedFor) {
 TEST(Recorder, AFurtherTriggerExtendsAnEventAndALaterOneBeginsAnother) {
   const auto files = triggered([](Recorder& recorder, Source& source) {
     source.add_all(0, 50);
-    recorder.trigger();  // less than before_s from the first frame
+    recorder.trigger();  // it comes less than before_s after the first frame
     source.add_all(50, 150);
     recorder.trigger();
     source.add_all(150, 400);
-    recorder.trigger();  // 50 ms after the end: what was recorded is not recorded again
+    recorder.trigger();  // it comes 50 ms after the end; what was recorded is not recorded again
     source.add_all(400, 700);
     recorder.trigger();
-    source.add_all(700, 750);  // ends before the event does
+    source.add_all(700, 750);  // the frames end before the event does
   });
   ASSERT_EQ(files.size(), 3U);
   auto file = files.begin();
@@ -317,14 +317,14 @@ TEST(Recorder, AFurtherTriggerExtendsAnEventAndALaterOneBeginsAnother) {
 TEST(Recorder, SaysOnceThatMemoryIsLessThanBeforeAsksFor) {
   const ScratchDirectory scratch;
   RecorderOptions options = options_for(scratch, RecordMode::kTrigger);
-  options.memory_mb = 1;  // 100 frames, an eighth of them for those that come
+  options.memory_mb = 1;  // room for 100 frames, an eighth of it for those that come
   options.before_s = 5.0;
   options.after_s = 0.0;
   Sentences said;
   {
     Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
     Source source(recorder, kSmall);
-    // Slowly: the recorder must have given back what it does not keep.
+    // The frames come slowly, so that the recorder can give back what it does not keep.
     for (std::int64_t n = 0; n <= 1000; ++n) {
       if (n == 500 || n == 1000) recorder.trigger();
       source.add(n);
@@ -358,7 +358,7 @@ TEST(Recorder, CompressesCompleteFilesWithoutLoss) {
   int compressed = 0;
   for (const auto& [name, sequence] : files) compressed += name.ends_with(".fits.fz") ? 1 : 0;
   EXPECT_GE(compressed, 3);
-  EXPECT_EQ(files.size(), 4U) << "what was compressed is deleted";
+  EXPECT_EQ(files.size(), 4U) << "the raw files of compressed ones must be deleted";
 
   const PeerAnswer answer = ask_astropy("recordings", scratch.path());
   if (answer.exit_code == 77) GTEST_SKIP() << "astropy is not installed";
@@ -387,7 +387,7 @@ TEST(Recorder, AddAllocatesNothing) {
     recorder.trigger();
   });
   EXPECT_EQ(allocations, 0);
-  EXPECT_GT(recorder.counts().dropped, 0) << "with and without memory";
+  EXPECT_GT(recorder.counts().dropped, 0) << "add() must have met both room and no room";
 }
 
 TEST(Recorder, RefusesAFolderItCannotWriteTo) {
@@ -405,7 +405,7 @@ TEST(Recorder, RefusesAFolderItCannotWriteTo) {
   EXPECT_EQ(refusal(kSmall), "");
 }
 
-/// A limit on the size of files while it lives; writes beyond it fail as on a full disk.
+/// Limits the size of files while it lives. Writes beyond the limit fail as on a full disk.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(rlim_t bytes) : handler_(signal(SIGXFSZ, SIG_IGN)) {
@@ -449,7 +449,7 @@ TEST(Recorder, StopsAtAWriteErrorWithOneSentence) {
   EXPECT_EQ(joined(recorded(scratch.path())), numbers(0, recorder.counts().recorded));
 }
 
-/// 16 MB in a directory, while it lives.
+/// Mounts a disk of 16 MB on a directory, while it lives.
 class SmallDisk {
  public:
   explicit SmallDisk(std::string directory) : directory_(std::move(directory)) {
@@ -478,7 +478,7 @@ TEST(Recorder, StopsBeforeTheDiskIsFullAndGoesOnWhenThereIsRoom) {
   const ScratchDirectory scratch;
   const std::string disk = scratch / "disk";
   const SmallDisk small(disk);
-  if (!small.mounted()) GTEST_SKIP() << "may not mount a small tmpfs here";
+  if (!small.mounted()) GTEST_SKIP() << "this user may not mount a small tmpfs";
   Sentences said;
   std::int64_t first_part = 0;
   {
@@ -502,7 +502,7 @@ TEST(Recorder, StopsBeforeTheDiskIsFullAndGoesOnWhenThereIsRoom) {
     EXPECT_LT(first_part, 1000);
     const auto left = fs::space(disk).available;
     EXPECT_GE(left, 2'000'000U);
-    EXPECT_LT(left, 2'100'000U) << "not stopped too early either";
+    EXPECT_LT(left, 2'100'000U) << "it must not stop too early either";
     ASSERT_EQ(said.with("recording stopped").size(), 1U);
     EXPECT_NE(said.with("recording stopped")[0].find(disk), std::string::npos);
     EXPECT_EQ(FitsSource({said.with("recording to")[0].substr(13)}).frame_count(), first_part);
@@ -521,7 +521,7 @@ TEST(Recorder, StopsBeforeTheDiskIsFullAndGoesOnWhenThereIsRoom) {
   EXPECT_EQ(files.size(), 2U);
 }
 
-/// record_forever, from its start to its death.
+/// The program record_forever, from its start to its death.
 class Recording {
  public:
   explicit Recording(std::string folder) : folder_(std::move(folder)) {
@@ -537,7 +537,7 @@ class Recording {
     kill(child_, SIGKILL);
     int status = 0;
     waitpid(child_, &status, 0);
-    EXPECT_TRUE(WIFSIGNALED(status)) << "it ended by itself";
+    EXPECT_TRUE(WIFSIGNALED(status)) << "the program must not end by itself";
     std::ifstream lines(folder_ + ".txt");
     std::int64_t n = 0;
     std::int64_t time_us = 0;
@@ -546,8 +546,8 @@ class Recording {
   }
   const std::string& folder() const { return folder_; }
   std::int64_t handed_in() const { return static_cast<std::int64_t>(handed_in_us_.size()); }
-  /// Frames that must be there: all but those of the last second, and of the longest time this
-  /// machine let the program wait.
+  /// Returns how many frames must be there: all but those of the last second, and of the longest
+  /// time that this machine let the program wait.
   std::int64_t at_least() const {
     if (handed_in_us_.empty()) return 0;
     std::int64_t pause_us = 0;
@@ -565,10 +565,11 @@ class Recording {
   std::vector<std::int64_t> handed_in_us_;
 };
 
-// Fifty times: every file opens, every pixel in it is right, at most the last second is missing.
+// In each of fifty lives every file opens, every pixel in it is right, and at most the last second
+// is missing.
 TEST(Recorder, SurvivesKillMinus9) {
 #if defined(__SANITIZE_THREAD__)
-  GTEST_SKIP() << "most lives end before a program under TSan has begun; ASan runs it";
+  GTEST_SKIP() << "under TSan most lives end before the program has begun; ASan runs this test";
 #endif
   constexpr unsigned kSeed = 20261123;
   SCOPED_TRACE(kSeed);
@@ -627,7 +628,8 @@ TEST(Recorder, SurvivesKillMinus9) {
     }
     if (!paths.empty()) ++with_files;
     if (recording.handed_in() > 0) ++with_frames;
-    EXPECT_LE(replayed, recording.handed_in() + 1) << recording.folder();  // one not yet printed
+    // One may not be printed yet.
+    EXPECT_LE(replayed, recording.handed_in() + 1) << recording.folder();
     EXPECT_GE(replayed, recording.at_least()) << recording.folder();
     needed += recording.at_least();
     if (has_astropy) {

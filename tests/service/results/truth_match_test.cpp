@@ -21,8 +21,8 @@ TEST(MatchTruth, NearestOfTheSameSignOneToOne) {
   EXPECT_EQ(match.hits, 2);
   EXPECT_EQ(match.truth_of_found[0], 1);
   EXPECT_EQ(match.truth_of_found[1], 0);
-  EXPECT_EQ(match.truth_of_found[2], -1) << "wrong sign";
-  EXPECT_EQ(match.truth_of_found[3], -1) << "0.8 pitches off";
+  EXPECT_EQ(match.truth_of_found[2], -1) << "it has the wrong sign";
+  EXPECT_EQ(match.truth_of_found[3], -1) << "it lies 0.8 pitches off";
 }
 
 }  // namespace

@@ -24,7 +24,7 @@ namespace {
 constexpr std::uint64_t kSeed = 3;
 
 TEST(ClassifierOptimiser, DescendsToWhatItIsShown) {
-  // Outputs that are linear in a few inputs: least squares, the gradient is the residual.
+  // The targets are linear in a few inputs. For least squares the gradient is the residual.
   constexpr int kBatch = 32;
   ClassifierNetwork network;
   RandomStream random(kSeed, 0);
@@ -76,7 +76,7 @@ TEST(TrainVortexClassifier, SameOptionsSameWeights) {
                             [](float weight) { return std::isfinite(weight); }));
     EXPECT_TRUE(std::any_of(layer.weights.begin(), layer.weights.end(), [](float weight) {
       return weight != 0.0F;
-    })) << "a layer that was never trained";
+    })) << "this layer was never trained";
   }
   options.seed += 1;
   const TrainingReport c = train_vortex_classifier(options, cache, [](const std::string&) {});
@@ -93,12 +93,12 @@ TEST(UnresolvedPairs, AreTheClosestAndClearOfOthers) {
   const auto add = [&](double x, double y, int charge) {
     vortices.push_back({.x = x, .y = y, .charge = charge});
   };
-  add(3.0, 3.0, 1);  // with the next: .6 apart
+  add(3.0, 3.0, 1);  // its partner is the next one, .6 apart
   add(3.6, 3.0, -1);
-  add(8.0, 8.0, 1);  // .8 from the next, which pairs with the one after at .5
+  add(8.0, 8.0, 1);  // .8 from the next, which pairs with the one after it, .5 apart
   add(8.8, 8.0, -1);
   add(9.3, 8.0, 1);
-  add(12.0, 3.0, 1);  // 1.2 apart: required both
+  add(12.0, 3.0, 1);  // 1.2 from the next, so both are required
   add(13.2, 3.0, -1);
   const auto pairs = unresolved_pairs(grade_vortices(vortices));
   ASSERT_EQ(pairs.size(), 2U);
@@ -111,8 +111,9 @@ TEST(UnresolvedPairs, AreTheClosestAndClearOfOthers) {
 }
 
 TEST(ClassifyVortices, ProbabilitiesAreFrequencies) {
-  // Fields of the validation subset: 150 or so candidates, so that the share of hits has a standard
-  // error of .03 at most; fields differ, and each candidate is not independent of its neighbours.
+  // The fields are of the validation subset. They have 150 or so candidates, so that the share of
+  // hits has a standard error of .03 at most. Fields differ, and neighbouring candidates are not
+  // independent.
   FieldParameters parameters;
   parameters.rytov_variance = 2.0;
   parameters.rows = parameters.cols = 60;
