@@ -1,5 +1,5 @@
-// Accuracy on the frames of PEERS.md, and the noise the centroids claim against the noise they
-// have.
+// These tests measure the accuracy on the frames of the benchmark, and compare the noise that the
+// centroids claim with the noise that they have.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -17,7 +17,8 @@ namespace curlew {
 namespace {
 
 TEST(CentroidAccuracy, NoWorseThanTheBestOfOthers) {
-  // rms per axis over the lenslets, threshold 20 ADU above the background: the best row there.
+  // These are the best that other programs reached on these frames: rms per axis over the lenslets,
+  // with a threshold 20 ADU above the background.
   const double best_px[] = {0.0083, 0.0168, 0.0045};
   for (std::size_t i = 0; i < 3; ++i) {
     const auto& which = kBenchCases[i];
@@ -42,8 +43,9 @@ TEST(CentroidAccuracy, NoWorseThanTheBestOfOthers) {
 }
 
 TEST(CentroidAccuracy, TheOtherMethodsOnTheSameFrames) {
-  // rms per axis after division by the one gain that fits best, as calibration would do it; the
-  // Gaussian is as wide as the spots. Bounds: what was measured, and a sixth.
+  // These are bounds on the rms per axis after division by the one gain that fits best, as
+  // calibration would do it. The Gaussian is as wide as the spots. Each bound is a sixth above what
+  // was measured.
   struct Case {
     CentroidMethod method;
     double max_px[3];
@@ -88,7 +90,7 @@ TEST(CentroidAccuracy, TheOtherMethodsOnTheSameFrames) {
   }
 }
 
-/// ∫ sinc² over pixel i of n, pixels of half a λ/w, spot at the window's centre.
+/// Returns ∫ sinc² over pixel i of n, for pixels of half a λ/w and a spot at the window's centre.
 double sinc2_share(int i, int n) {
   const int steps = 200;
   double sum = 0;
@@ -141,12 +143,12 @@ TEST(CentroidNoise, TheVarianceClaimedIsTheVarianceMeasured) {
         const double dx = c.x_px[k] - sensor.ref_x_px[k];
         const double dy = c.y_px[k] - sensor.ref_y_px[k];
         measured += dx * dx + dy * dy;
-        // Without the widening by 4/F for the estimate's own scatter.
+        // The widening by 4/F for the estimate's own scatter is taken out.
         const double flux_e = 0.5 * static_cast<double>(c.flux_adu[k]);
         claimed +=
             static_cast<double>(c.variance_x_px2[k] + c.variance_y_px2[k]) / (1.0 + 4.0 / flux_e);
       }
-      // 45,000 squares: .7 % of statistical error; .5 to 1.5 % of the estimator's.
+      // The 45,000 squares have a statistical error of .7 %, and the estimator errs by .5 to 1.5 %.
       EXPECT_NEAR(measured / claimed, 1.0, 0.03);
       RecordProperty(
           "ratio_" + std::to_string(window) + "_" + std::to_string(static_cast<int>(photons)),

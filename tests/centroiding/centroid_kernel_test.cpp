@@ -1,5 +1,6 @@
-// The kernel against plain double arithmetic: every window size, pixel type, threshold and
-// instruction set of this machine; and what it says of frames that hold no usable spot.
+// These tests compare the kernel with plain double arithmetic for every window size, pixel type,
+// threshold and instruction set of this machine. They also test what it says of frames that hold no
+// usable spot.
 #include <gtest/gtest.h>
 #include <hwy/highway.h>
 
@@ -34,7 +35,7 @@ struct Scene {
   }
 };
 
-/// 2 rows of 3 lenslets of P × P px, a noisy spot in each, background 10.
+/// Makes 2 rows of 3 lenslets of P × P px with a noisy spot in each and a background of 10.
 Scene make_scene(int window_px, PixelType type, bool maps, std::mt19937_64& random) {
   Scene scene;
   scene.sensor = tiled_sensor({2, 3, window_px});
@@ -92,8 +93,9 @@ void expect_equal(const Scene& scene, const CentroidOptions& options) {
     const Window& window = scene.sensor.window[k];
     const auto want =
         test::reference_spot(scene.sensor, scene.format, options, scene.view(), window);
-    // Sums of up to 1600 floats: some 1e-6 of the largest term, which is the flux times the
-    // window's half width (squared for second moments, once more relative to the small result).
+    // These are sums of up to 1600 floats. Their error is some 1e-6 of the largest term, which is
+    // the flux times the window's half width (squared for second moments, and once more relative to
+    // the small result).
     const double w = std::max(window.w, window.h);
     EXPECT_NEAR(got.flux_adu[k], want.flux_adu, 3e-6 * want.flux_adu + 1e-6);
     if (got.state[k] != LensletState::kValid) continue;
@@ -145,7 +147,7 @@ TEST_F(EveryTarget, EqualsPlainArithmeticForClippedAndOverlappingWindows) {
 TEST_F(EveryTarget, FramesNarrowerThanAVectorAreRead) {
   for (int window = 2; window <= 6; ++window) {
     std::mt19937_64 random(11);
-    Scene scene = make_scene(window, PixelType::kU8, false, random);  // 6 to 18 columns
+    Scene scene = make_scene(window, PixelType::kU8, false, random);  // has 6 to 18 columns
     for_every_target([&] { expect_equal(scene, {.threshold_adu = 25.0}); });
   }
 }
@@ -191,7 +193,7 @@ TEST_F(Spots, MovingTheSpotMovesTheCentroidAndNothingElse) {
   draw(0, 0, 4, 5);
   draw(1, 1, 6, 7);
   const Centroids c = find();
-  // Float positions near 20 px: 2e-6.
+  // Float positions near 20 px are rounded by 2e-6.
   EXPECT_NEAR(c.x_px(1, 1) - c.x_px(0, 0), 14.0, 5e-6);
   EXPECT_NEAR(c.y_px(1, 1) - c.y_px(0, 0), 14.0, 5e-6);
   EXPECT_NEAR(c.xx_px2(1, 1), c.xx_px2(0, 0), 1e-5);
@@ -199,8 +201,9 @@ TEST_F(Spots, MovingTheSpotMovesTheCentroidAndNothingElse) {
 }
 
 TEST_F(Spots, AGaussianHasItsMoments) {
-  // σ 1.2 and 1.5 px, rotated by nothing: sampled Gaussians this wide have their variance to 1e-6,
-  // ±5.5 px cut off less than 1e-3 of it, whole counts of 60000 less than 1e-3.
+  // σ is 1.2 and 1.5 px, along the axes. Sampled Gaussians this wide have their variance to 1e-6.
+  // The cut at ±5.5 px takes less than 1e-3 of it, and whole counts of 60000 change it by less than
+  // 1e-3.
   for (int y = 0; y < 12; ++y) {
     for (int x = 0; x < 12; ++x) {
       const double u = (x - 5.5) / 1.2;
@@ -220,13 +223,14 @@ TEST_F(Spots, AGaussianHasItsMoments) {
 TEST_F(Spots, SaysWhatIsWrong) {
   scene.sensor.detector.saturation_adu = 4000.0;
   scene.sensor.valid(0, 0) = 0;
-  scene.set(5, 12 + 5, 4000);       // saturated
-  scene.set(5, 24 + 11, 2000);      // at the edge
-  scene.set(12 + 5, 5, 3);          // faint
-  scene.set(12 + 5, 12 + 5, 3999);  // fine
+  scene.set(5, 12 + 5, 4000);       // saturates a pixel
+  scene.set(5, 24 + 11, 2000);      // lies at the edge
+  scene.set(12 + 5, 5, 3);          // is faint
+  scene.set(12 + 5, 12 + 5, 3999);  // is fine
   scene.sensor.bad_pixel = Image<std::uint8_t>(24, 36);
   for (int y = 12; y < 16; ++y) {
-    for (int x = 24; x < 36; ++x) scene.sensor.bad_pixel(y, x) = 1;  // a third of the window
+    // A third of the window is bad.
+    for (int x = 24; x < 36; ++x) scene.sensor.bad_pixel(y, x) = 1;
   }
   const Centroids c = find();
   EXPECT_EQ(c.state(0, 0), LensletState::kUnlit);
@@ -278,7 +282,7 @@ TEST_F(Spots, CalibrationMapsUndoWhatTheDetectorDid) {
   raw.sensor.flat = Image<float>(24, 36);
   for (std::size_t i = 0; i < raw.u16.size(); ++i) {
     const int dark = 10 + static_cast<int>(i % 7);
-    const int response = 1 + static_cast<int>(i % 2);  // whole, so that counts stay whole
+    const int response = 1 + static_cast<int>(i % 2);  // is whole, so that counts stay whole
     raw.sensor.dark_adu[i] = static_cast<float>(dark);
     raw.sensor.flat[i] = static_cast<float>(response);
     raw.u16[i] = static_cast<std::uint16_t>((truth.u16[i] - 10) * response + dark);
@@ -297,7 +301,7 @@ TEST_F(Spots, CalibrationMapsUndoWhatTheDetectorDid) {
 TEST_F(Spots, AnAffineMapOfTheCountsChangesNothingPhysical) {
   std::mt19937_64 random(6);
   const Scene plain = make_scene(12, PixelType::kU16, true, random);
-  Scene mapped = plain;  // counts = 4·ADU + 800
+  Scene mapped = plain;  // counts are 4·ADU + 800
   mapped.format.scale_adu = 0.25;
   mapped.format.zero_adu = -200.0;
   for (auto& pixel : mapped.u16) pixel = static_cast<std::uint16_t>(4 * pixel + 800);
@@ -306,9 +310,9 @@ TEST_F(Spots, AnAffineMapOfTheCountsChangesNothingPhysical) {
   find_centroids(CentroidPlan(plain.sensor, plain.format, options), plain.view(), want);
   find_centroids(CentroidPlan(mapped.sensor, mapped.format, options), mapped.view(), got);
   for (std::size_t k = 0; k < 6; ++k) {
-    EXPECT_NEAR(got.x_px[k], want.x_px[k], 1e-5);  // a few roundings of 40 px
+    EXPECT_NEAR(got.x_px[k], want.x_px[k], 1e-5);  // allows a few roundings of 40 px
     EXPECT_NEAR(got.flux_adu[k] / want.flux_adu[k], 1.0, 1e-5);
-    // The finer counts are quantised less: 1/12 of 25 counts² of noise.
+    // The finer counts are quantised less: that takes 1/12 count² off some 25 counts² of noise.
     EXPECT_NEAR(got.variance_x_px2[k] / want.variance_x_px2[k], 1.0, 0.01);
   }
 }

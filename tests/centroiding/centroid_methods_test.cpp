@@ -1,4 +1,4 @@
-// The other centroid methods: what must hold of each, whatever it is.
+// These tests hold for every one of the other centroid methods.
 #include "centroiding/centroid_methods.h"
 
 #include <gtest/gtest.h>
@@ -23,15 +23,16 @@
 namespace curlew {
 namespace {
 
-using Light = std::function<double(int, int)>;  // counts above the dark at (row, col) of a window
+// These are the counts above the dark at (row, col) of a window.
+using Light = std::function<double(int, int)>;
 
 constexpr double kDarkAdu = 10.0;
 
-/// Lenslets with windows that tile the frame; u16.
+/// Lenslets in this scene have windows that tile the frame. Its pixels are u16.
 struct Scene {
   Scene(CentroidMethod method, int rows, int cols, int window_px)
       : sensor(tiled_sensor({rows, cols, window_px})), window(window_px) {
-    sensor.optics = {};  // λ/w unknown
+    sensor.optics = {};  // λ/w is not known
     sensor.background_adu = kDarkAdu;
     sensor.detector = {.e_per_adu = 1.0, .read_noise_e = 2.0};
     sensor.detector.saturation_adu = kUnknown;
@@ -73,7 +74,7 @@ struct Scene {
   int window;
 };
 
-/// A Gaussian that lies (dx, dy) from the window's centre.
+/// Returns a Gaussian that lies (dx, dy) from the window's centre.
 Light gaussian(double peak, double sigma, int window, double dx, double dy) {
   return [=](int i, int j) {
     const double x = j - 0.5 * (window - 1) - dx;
@@ -94,8 +95,8 @@ TEST_P(Methods, ASpotAtTheCentreIsFoundThere) {
     const Centroids c = scene.find();
     SCOPED_TRACE("window " + std::to_string(window));
     ASSERT_EQ(c.state(0, 0), LensletState::kValid);
-    // An even window's centre lies between four pixels of equal light: which of their peaks the
-    // correlation takes first is no matter.
+    // An even window's centre lies between four pixels of equal light. It does not matter which of
+    // them the correlation takes for the peak.
     EXPECT_NEAR(scene.dx(c, 0, 0), 0.0, 2e-3);
     EXPECT_NEAR(scene.dy(c, 0, 0), 0.0, 2e-3);
   }
@@ -108,8 +109,9 @@ TEST_P(Methods, ItFollowsASpot) {
   for (int k = 0; k < 8; ++k)
     scene.draw(0, k, gaussian(20000.0, 1.0, window, kShifts[k], -0.5 * kShifts[k]));
   const Centroids c = scene.find();
-  // Steps that do not run to their end leave an eighth of the half to which the start is wrong:
-  // .94; coarse pixels and the pixels that go uncounted bend the brightest pixels' response.
+  // The start is wrong by half of the shift. The steps do not run to their end and leave an eighth
+  // of that, so that .94 is found. Coarse pixels, and the pixels that are not counted, bend the
+  // response of the brightest pixels.
   const double minimum = is(CentroidMethod::kBrightestPixels) ? 0.75 : 0.9;
   const double maximum = is(CentroidMethod::kBrightestPixels) ? 1.3 : 1.02;
   for (int k = 0; k < 8; ++k) {
@@ -127,7 +129,7 @@ TEST_P(Methods, MirroredAndTransposedPicturesAreMirroredAndTransposed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     std::mt19937 random(seed);
     std::normal_distribution<double> normal;
-    Image<double> light(window, window);  // two spots and noise
+    Image<double> light(window, window);  // holds two spots and noise
     const Light a = gaussian(400.0, 1.0, window, 0.8 * normal(random), 0.8 * normal(random));
     const Light b = gaussian(300.0, 1.0, window, 0.8 * normal(random), 0.8 * normal(random));
     for (int i = 0; i < window; ++i)
@@ -159,7 +161,7 @@ TEST_P(Methods, MirroredAndTransposedPicturesAreMirroredAndTransposed) {
 TEST_P(Methods, BrightnessAloneChangesNothing) {
   const int window = 8;
   Scene scene(GetParam(), 1, 4, window);
-  scene.sensor.detector.read_noise_e = 0.0;  // no pull of the reference, no threshold
+  scene.sensor.detector.read_noise_e = 0.0;  // makes no pull and no threshold
   scene.sensor.detector.e_per_adu = kUnknown;
   scene.options.threshold_noise = 0.0;
   std::mt19937 random(3);
@@ -175,7 +177,7 @@ TEST_P(Methods, BrightnessAloneChangesNothing) {
     EXPECT_NEAR(scene.dx(c, 0, k), scene.dx(c, 0, 0), 2e-4);
     EXPECT_NEAR(scene.dy(c, 0, k), scene.dy(c, 0, 0), 2e-4);
   }
-  EXPECT_EQ(c.variance_x_px2(0, 0), 0.0F);  // of a noise that nobody knows
+  EXPECT_EQ(c.variance_x_px2(0, 0), 0.0F);  // because the noise is not known
 }
 
 TEST_P(Methods, TheVarianceClaimedIsTheVarianceMeasured) {
@@ -217,7 +219,7 @@ TEST_P(Methods, TheVarianceClaimedIsTheVarianceMeasured) {
     const double measured = sum / lenslets - (sum_x * sum_x + sum_y * sum_y) / lenslets / lenslets;
     RecordProperty("ratio_" + std::to_string(static_cast<int>(electrons)),
                    std::to_string(measured / (claimed / lenslets)));
-    // 9,800 squares: 1.4 % of statistical error.
+    // The 9,800 squares have a statistical error of 1.4 %.
     EXPECT_NEAR(measured / (claimed / lenslets), 1.0, 0.15);
   }
 }
@@ -256,7 +258,8 @@ TEST_P(Methods, NothingIsEverNotANumber) {
       EXPECT_GE(c.variance_x_px2[k], 0.0F);
       EXPECT_GE(c.variance_y_px2[k], 0.0F);
       if (c.state[k] == LensletState::kFaint && c.x_px[k] == 0.0F) {
-        EXPECT_EQ(c.flux_adu[k], 0.0F) << "nobody must take it for a spot, " << k;
+        EXPECT_EQ(c.flux_adu[k], 0.0F)
+            << "lenslet " << k << " has flux but no position, and might be taken for a spot";
       }
       if (c.state[k] == LensletState::kSaturated) {
         EXPECT_EQ(c.x_px[k], 0.0F);
@@ -300,7 +303,7 @@ TEST_P(Methods, BytesAndWordsOfTheSameCountsAreTheSame) {
       EXPECT_EQ(at_once.state[k], words.state[k]);
       EXPECT_EQ(at_once.x_px[k], words.x_px[k]);
       EXPECT_EQ(at_once.variance_y_px2[k], words.variance_y_px2[k]);
-      // A lenslet does not care with whom it shares its vectors.
+      // A lenslet's result does not depend on the lenslets in the other lanes of its vectors.
       EXPECT_EQ(by_rows.x_px[k], words.x_px[k]);
       EXPECT_EQ(by_rows.y_px[k], words.y_px[k]);
     }
@@ -318,7 +321,7 @@ TEST_P(Methods, EveryInstructionSetFindsTheSame) {
       scene.draw(r, c, [&](int i, int j) { return spot(i, j) + noise(random); });
     }
   }
-  scene.sensor.window(1, 1).w = 7;  // windows of several sizes in one group
+  scene.sensor.window(1, 1).w = 7;  // makes windows of several sizes in one group
   scene.sensor.window(1, 2).h = 6;
   const Centroids want = scene.find();
   ASSERT_EQ(want.n_valid, 15);
@@ -394,8 +397,8 @@ TEST_P(Methods, ATiltIsMeasuredInFullOnceCalibrated) {
     RecordProperty(
         "tilt_x_" + std::to_string(window) + "_" + std::to_string(static_cast<int>(sampling)),
         std::to_string(x / n / kTiltX));
-    // Noise of the means: .5 %. The rest is the gain's to be wrong; brightest pixels have no one
-    // gain, other pixels being brightest once the spot has moved.
+    // The noise of the means is .5 %; the rest allows for an error of the gain. The brightest
+    // pixels have no single gain, because other pixels are brightest once the spot has moved.
     const double tolerance = is(CentroidMethod::kBrightestPixels) ? 0.17 : 0.02;
     EXPECT_NEAR(x / n / kTiltX, 1.0, tolerance);
     EXPECT_NEAR(y / n / kTiltY, 1.0, tolerance);
@@ -414,7 +417,7 @@ TEST(CentroidMethods, PlainIsThresholdedAtNothing) {
   scene.options.threshold_adu = 100.0;
   const Centroids plain = scene.find();
   scene.options = {.threshold_noise = 0.0, .min_snr = 0.0};
-  const Centroids thresholded = scene.find();  // on the same sensor
+  const Centroids thresholded = scene.find();  // uses the same sensor
   EXPECT_EQ(plain.x_px(0, 0), thresholded.x_px(0, 0));
   EXPECT_EQ(plain.flux_adu(0, 0), thresholded.flux_adu(0, 0));
 }

@@ -1,4 +1,4 @@
-// Pictures of Gaussian spots on a known grid, for tests.
+// DrawnSpots draws pictures of Gaussian spots on a known grid, for tests.
 #pragma once
 
 #include <cmath>
@@ -12,7 +12,8 @@
 
 namespace curlew {
 
-/// What to draw. Defaults: a round pupil that fills the frame, bright, little noise.
+/// Says what to draw. The defaults are a round pupil that fills the frame, bright spots and little
+/// noise.
 struct DrawnSpots {
   int frame_rows = 256;
   int frame_cols = 256;
@@ -21,19 +22,19 @@ struct DrawnSpots {
   double angle_between_deg = 90.0;  ///< 60 for a hexagonal layout
   double stretch = 1.0;             ///< of the row vector
   bool mirrored = false;
-  double centre_x_px = 127.3;  ///< where lenslet (0, 0) lies, in the middle of the frame
+  double centre_x_px = 127.3;  ///< position of lenslet (0, 0), in the middle of the frame
   double centre_y_px = 128.9;
-  double sigma_px = 0.0;  ///< 0: a sixth of the pitch, held within .8 and 3 px
+  double sigma_px = 0.0;  ///< 0 for a sixth of the pitch, held within .8 and 3 px
   double peak_adu = 2000.0;
   double background_adu = 100.0;
   double noise_adu = 3.0;
   double brightness_spread = 0.0;  ///< peaks vary by exp(spread·N(0, 1))
-  double jitter_px = 0.0;          ///< spots off the grid, per axis
+  double jitter_px = 0.0;          ///< rms distance of spots from the grid, per axis
   std::uint32_t seed = 1;
-  /// Whether a lenslet is lit, by its distance from the middle of the frame in px (x, y).
+  /// Returns whether a lenslet is lit, from its distance to the middle of the frame in px (x, y).
   std::function<bool(double, double)> lit = [](double, double) { return true; };
 
-  /// origin at the lenslet in the middle.
+  /// Returns the grid, whose origin is the lenslet in the middle.
   LensletGrid grid() const {
     const double a = rotation_deg * std::numbers::pi / 180.0;
     const double b = a + angle_between_deg * std::numbers::pi / 180.0;
@@ -47,7 +48,8 @@ struct DrawnSpots {
     return g;
   }
 
-  /// Draws; `count`, where given, receives the number of spots whose centre is on the frame.
+  /// Draws the picture. If `count` is given, it receives the number of spots whose centre is on the
+  /// frame.
   Image<float> draw(int* count = nullptr) const {
     std::mt19937 random(seed);
     std::normal_distribution<double> normal;
@@ -85,7 +87,7 @@ struct DrawnSpots {
   }
 };
 
-/// 40×40 lenslets of 6×6 px that fill the frame, windows without gaps: PEERS.md (a).
+/// Returns 40×40 lenslets of 6×6 px that fill the frame, with windows without gaps.
 inline DrawnSpots drawn_without_gaps() {
   DrawnSpots drawn;
   drawn.frame_rows = 240;

@@ -1,4 +1,5 @@
-// Slopes against the formula of DESIGN.md, on straight, rotated and mirrored grids.
+// These tests compare slopes with the formula of docs/conventions.md, on straight, rotated and
+// mirrored grids.
 #include "centroiding/slopes.h"
 
 #include <gtest/gtest.h>
@@ -27,7 +28,7 @@ struct OneLenslet {
   SlopeField slopes;
 };
 
-// References near 8 px are float: a displacement carries 5e-7 px of rounding.
+// References near 8 px are floats, so that a displacement carries 5e-7 px of rounding.
 constexpr double kRounding = 2e-6;
 
 TEST(Slopes, AStraightGridGivesTheFormula) {
@@ -38,7 +39,8 @@ TEST(Slopes, AStraightGridGivesTheFormula) {
                    .wavelength_m = 600e-9,
                    .magnification = 0.5,
                    .mirrored = false};
-  const double rad_per_px = 2 * std::numbers::pi * 300e-6 * 5e-6 / (600e-9 * 0.01 * 0.5);  // π rad
+  // This is π rad.
+  const double rad_per_px = 2 * std::numbers::pi * 300e-6 * 5e-6 / (600e-9 * 0.01 * 0.5);
   OneLenslet one(sensor);
   one.displace(0.25, -0.5);
   EXPECT_NEAR(one.slopes.x[0], 0.25 * rad_per_px, kRounding * rad_per_px);
@@ -60,8 +62,9 @@ TEST(Slopes, GainDividesDisplacementAndNoise) {
   EXPECT_NEAR(one.slopes.variance_x[0], 0.04 * s * s, 1e-6 * s * s);
 }
 
+// The slopes are resolved along the lenslet axes, whose rows run up the detector if sign is −1.
 TEST(Slopes, RotationAndMirrorResolveAlongTheLensletAxes) {
-  for (const double sign : {1.0, -1.0}) {  // −1: rows run up the detector
+  for (const double sign : {1.0, -1.0}) {
     const double angle = 0.3;
     Sensor sensor = tiled_sensor({1, 1, 16});
     sensor.grid.p11 = 16 * std::cos(angle);
@@ -70,7 +73,7 @@ TEST(Slopes, RotationAndMirrorResolveAlongTheLensletAxes) {
     sensor.grid.p22 = sign * 16 * std::cos(angle);
     OneLenslet one(sensor);
     const double s = sensor.optics.slope_rad_per_px();
-    // Along the column axis by 1 px, then along the row axis by 1 px.
+    // The spot moves along the column axis by 1 px, then along the row axis by 1 px.
     one.displace(std::cos(angle), std::sin(angle));
     EXPECT_NEAR(one.slopes.x[0], s, kRounding * s);
     EXPECT_NEAR(one.slopes.y[0], 0.0, kRounding * s);
@@ -80,7 +83,7 @@ TEST(Slopes, RotationAndMirrorResolveAlongTheLensletAxes) {
     one.displace(-sign * std::sin(angle), sign * std::cos(angle));
     EXPECT_NEAR(one.slopes.x[0], 0.0, kRounding * s);
     EXPECT_NEAR(one.slopes.y[0], s, kRounding * s);
-    // R·C·Rᵀ with R the inverse rotation, and the mirror's sign on the covariance.
+    // The covariance becomes R·C·Rᵀ, where R is the inverse rotation, with the mirror's sign.
     const double c = std::cos(angle), n = std::sin(angle);
     const double s2 = s * s;
     EXPECT_NEAR(one.slopes.variance_x[0], (c * c * 0.01 + 2 * c * n * 0.004 + n * n * 0.03) * s2,
@@ -103,7 +106,8 @@ TEST(Slopes, AMissingLensletIsMissingAndNotZeroSlope) {
 }
 
 TEST(Slopes, AClippedWindowIsLessSureTheFurtherItsSpotMoves) {
-  // Half of the 20 % that its gain lies below the others', of the 2 px that its spot moves.
+  // The error is half of the 20 % by which the gain lies below the others', times the 2 px that the
+  // spot moves.
   Sensor sensor = tiled_sensor({1, 3, 16});
   sensor.gain_x[2] = 0.8F;
   const SlopePlan plan(sensor);
@@ -129,7 +133,7 @@ TEST(Slopes, UnknownOpticsAreRefused) {
   EXPECT_THROW(SlopePlan{sensor}, Failure);
 }
 
-// Weak spots count for those who can do with them, and for the others are missing.
+// Weak spots count in measure_weak_slopes() and are missing in measure_slopes().
 TEST(WeakSlopes, AreTheSlopesOfWeakSpotsToo) {
   const Sensor sensor = tiled_sensor({1, 6, 16});
   const SlopePlan plan(sensor);
@@ -171,13 +175,13 @@ TEST(WeakSlopes, AreTheSlopesOfWeakSpotsToo) {
     EXPECT_EQ(weak.valid(0, c), 1);
     EXPECT_NEAR(weak.x(0, c), 0.5F * s, 1e-5F * s);
     EXPECT_NEAR(weak.y(0, c), -0.25F * s, 1e-5F * s);
-    // On one column or row: known to the width of a spot, .42 λ/w.
+    // A spot that lies on one column or row is known to the width of a spot, .42 λ/w.
     const float spot = plan.spot_variance_px2;
     EXPECT_NEAR(spot, std::pow(0.42 * 2.0 * std::numbers::pi / static_cast<double>(s), 2), 1e-4);
     EXPECT_NEAR(weak.variance_x(0, c), (c == 1 ? 0.2F : spot) * s * s, 1e-5F * s * s);
     EXPECT_NEAR(weak.variance_y(0, c), spot * s * s, 1e-5F * s * s);
   }
-  // A little light tells no less than none.
+  // A weak spot is never less well known than a dark one.
   centroids.variance_x_px2(0, 1) = 1000.0F;
   measure_weak_slopes(plan, centroids, weak);
   EXPECT_EQ(weak.variance_x(0, 1), plan.window_variance(0, 1));

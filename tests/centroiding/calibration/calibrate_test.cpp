@@ -27,7 +27,7 @@ void expect_windows_apart(const Sensor& sensor) {
   }
 }
 
-/// Centre of gravity of what exceeds the background over a window.
+/// Returns the centre of gravity of the light above the background in a window.
 double centre_x(const Image<float>& image, const Window& w, double background) {
   double sum = 0.0;
   double moment = 0.0;
@@ -85,7 +85,8 @@ TEST(Calibrate, KeepsWindowsApartOnRotatedAndAberratedGrids) {
   }
 }
 
-/// 9×9 Gaussian spots, each cut off at its own cell of 10×10 px, dx from the cells' middles.
+/// Draws 9×9 Gaussian spots, each cut off at its own cell of 10×10 px and dx from the middle of the
+/// cell.
 Image<float> draw_cut_spots(double sigma_px, double dx) {
   constexpr int kCell = 10;
   constexpr int kSide = 130;
@@ -118,7 +119,8 @@ TEST(Calibrate, WindowGainIsWhatADisplacementIsMultipliedBy) {
       if (sensor.valid[k] == 0) continue;
       const Window& w = sensor.window[k];
       const double gain = (centre_x(right, w, 100.0) - centre_x(left, w, 100.0)) / (2.0 * kShift);
-      // The spots here are sampled, the model's integrated over pixels: that blurs by .29 px.
+      // The spots are sampled here, and those of the model are integrated over pixels, which blurs
+      // them by .29 px.
       EXPECT_NEAR(static_cast<double>(sensor.gain_x[k]), gain, 0.01);
       ++n;
     }
@@ -134,9 +136,9 @@ TEST(Calibrate, SaysWhatItHadToEstimate) {
   CalibrationInput input;
   input.reference_adu = drawn.draw();
   Calibration calibration = calibrate_sensor(input);
-  EXPECT_EQ(calibration.notes.size(), 3U);  // dark, e⁻ per ADU, read noise
-  // Some 5,000 pixels lie midway between spots: 1.2 % on the scatter, 1.25·3/√5000 = .05 on the
-  // median; five σ.
+  EXPECT_EQ(calibration.notes.size(), 3U);  // are about dark, e⁻ per ADU and read noise
+  // Some 5,000 pixels lie midway between spots. They give an error of 1.2 % for the scatter and of
+  // 1.25·3/√5000 = .05 for the median. The limits are five σ.
   EXPECT_NEAR(calibration.sensor.detector.read_noise_e, 3.0, 0.2);
   EXPECT_EQ(calibration.sensor.detector.e_per_adu, 1.0);
   EXPECT_NEAR(calibration.sensor.background_adu, 100.0, 0.3);
@@ -146,7 +148,7 @@ TEST(Calibrate, SaysWhatItHadToEstimate) {
   input.detector.e_per_adu = 2.0;
   calibration = calibrate_sensor(input);
   EXPECT_EQ(calibration.notes.size(), 1U);
-  EXPECT_DOUBLE_EQ(calibration.sensor.detector.read_noise_e, 8.0);  // √16 ADU of 2 e⁻
+  EXPECT_DOUBLE_EQ(calibration.sensor.detector.read_noise_e, 8.0);  // is √16 ADU of 2 e⁻
   EXPECT_EQ(calibration.sensor.background_adu, 0.0);
 }
 

@@ -8,8 +8,9 @@ namespace curlew {
 namespace {
 
 TEST(FrameNoise, OfFramesWhoseNoiseIsKnown) {
-  // 3 ADU and rounding's 1/12. Differences are whole counts, so their median is one too: half a
-  // count of it is .5 ADU of noise. Spots of such windows stay out of the corners.
+  // The noise is 3 ADU, with 1/12 ADU² for rounding. Differences are whole counts, and so is their
+  // median; half a count of it is .5 ADU of noise. The spots of such windows do not reach the
+  // corners.
   for (const BenchCase& which : {BenchCase{40, 40, 24}, BenchCase{30, 30, 32}}) {
     const BenchFrame frame = make_bench_frame(which, BenchSlopes::kRandom, 5);
     Sensor sensor = tiled_sensor(which);
@@ -17,7 +18,8 @@ TEST(FrameNoise, OfFramesWhoseNoiseIsKnown) {
     FrameFormat scaled = frame.format;
     scaled.scale_adu = 0.25;
     EXPECT_NEAR(estimate_frame_noise(sensor, scaled, frame.view()).noise_adu, 0.7525, 0.13);
-    add_maps(sensor, 3);  // a dark that the frame does not have adds its own 2 ADU
+    // A dark that the frame does not have adds its own 2 ADU.
+    add_maps(sensor, 3);
     EXPECT_NEAR(estimate_frame_noise(sensor, frame.format, frame.view()).noise_adu, 3.61, 0.1);
   }
 }

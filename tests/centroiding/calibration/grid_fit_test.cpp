@@ -18,7 +18,7 @@ LensletGrid turned_grid() {
   return grid;
 }
 
-/// 5×5 spots in their places.
+/// Returns 5×5 spots in their places.
 IndexedSpots spots_on(const LensletGrid& grid) {
   IndexedSpots spots;
   for (int row = -2; row <= 2; ++row) {
@@ -38,7 +38,7 @@ TEST(GridFit, CutAndSmearedSpotsDoNotTiltIt) {
   spots[{-2, 1}].cut = true;
   LensletGrid fitted;
   ASSERT_TRUE(fit_grid(fitted, spots));
-  // The rest is exact: only rounding of numbers up to 64 is left.
+  // The other spots are exact, so that only the rounding of numbers up to 64 is left.
   constexpr double kRounding = 1e-11;
   EXPECT_NEAR(fitted.origin_x_px, truth.origin_x_px, kRounding);
   EXPECT_NEAR(fitted.origin_y_px, truth.origin_y_px, kRounding);
@@ -67,7 +67,8 @@ TEST(GridFit, RmsDistanceIsOfWholeSpotsAndOfAllWhereNoneIsWhole) {
   for (auto& [at, spot] : spots) spot.x += 0.5;
   spots[{0, 0}].x += 2.0;
   spots[{0, 0}].cut = true;
-  // Distances: .5 px for 24 spots, 2.5 px for the one that is cut; rounding of numbers up to 64.
+  // The distances are .5 px for 24 spots and 2.5 px for the one that is cut. The tolerance is for
+  // the rounding of numbers up to 64.
   EXPECT_NEAR(rms_distance_px(grid, spots), 0.5, 1e-13);
   for (auto& [at, spot] : spots) spot.cut = true;
   EXPECT_NEAR(rms_distance_px(grid, spots), std::sqrt((24.0 * 0.25 + 6.25) / 25.0), 1e-13);

@@ -14,7 +14,7 @@
 namespace curlew {
 namespace {
 
-/// The sentence that find_lenslet_grid fails with; empty where it does not.
+/// Returns the sentence with which find_lenslet_grid() fails, and nothing if it does not fail.
 std::string refusal(const Image<float>& image) {
   try {
     find_lenslet_grid(image, {}, false);
@@ -28,7 +28,8 @@ bool contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
 }
 
-/// Largest distance, in px, of a lit place of the found grid from the nearest place of the true.
+/// Returns the largest distance, in px, of a lit place of the found grid from the nearest place of
+/// the true one.
 double worst_error_px(const FoundGrid& found, const LensletGrid& truth) {
   double worst = 0.0;
   for (int r = 0; r < found.grid.rows; ++r) {
@@ -57,7 +58,7 @@ bool col_has_light(const FoundGrid& found, int col) {
   return false;
 }
 
-/// Finds the grid of what is drawn and holds it against the truth.
+/// Finds the grid of what is drawn and compares it with the truth.
 void expect_found(const DrawnSpots& drawn) {
   SCOPED_TRACE("pitch " + std::to_string(drawn.pitch_px) + " rotation " +
                std::to_string(drawn.rotation_deg) + " mirrored " + std::to_string(drawn.mirrored) +
@@ -66,9 +67,9 @@ void expect_found(const DrawnSpots& drawn) {
   const Image<float> image = drawn.draw(&count);
   const FoundGrid found = find_lenslet_grid(image, {}, drawn.mirrored);
   EXPECT_EQ(found.n_lit, count);
-  // At 5 px the wings of neighbours reach under each spot and shift its centre of mass by up to
-  // .06 px with its place on the pixels; jitter of n spots leaves 3·jitter/√n and an edge twice
-  // that.
+  // At 5 px the wings of neighbours reach under each spot. They shift its centre of mass by up to
+  // .06 px, depending on its place on the pixels. The jitter of n spots leaves an error of
+  // 3·jitter/√n, and twice that at the edge.
   const double jitter_error = 6.0 * drawn.jitter_px / std::sqrt(count);
   EXPECT_LT(worst_error_px(found, drawn.grid()), 0.08 + jitter_error);
   const double across_px = std::sqrt(count) * drawn.pitch_px;
@@ -135,7 +136,8 @@ TEST(LensletGridFinder, FindsWindowsWithoutGapsOnAnAlignedDetector) {
   EXPECT_EQ(found.grid.rows, 40);
   EXPECT_EQ(found.grid.cols, 40);
   EXPECT_EQ(found.n_lit, 1600);
-  // .3 px of jitter on 1600 spots: .3/√1600 = .0075, times four; pixels shift it by as much again.
+  // .3 px of jitter on 1600 spots gives .3/√1600 = .0075, and the limit is four times this. Pixels
+  // shift the spots by as much again.
   EXPECT_NEAR(found.grid.origin_x_px, 2.5, 0.06);
   EXPECT_NEAR(found.grid.origin_y_px, 2.5, 0.06);
   EXPECT_NEAR(found.grid.pitch_px(), 6.0, 0.002);
@@ -163,10 +165,11 @@ TEST(LensletGridFinder, StandsAberrationUnevenLightAndNoise) {
   drawn.frame_cols = 512;
   drawn.centre_x_px = 250.0;
   drawn.centre_y_px = 260.0;
-  drawn.jitter_px = 1.4;  // 2 px rms in two axes
+  drawn.jitter_px = 1.4;  // makes 2 px rms in two axes
   drawn.brightness_spread = 0.3;
   drawn.noise_adu = 60.0;
-  drawn.background_adu = -200.0;  // mean-subtracted frames are negative
+  // Frames from which a mean was subtracted are negative.
+  drawn.background_adu = -200.0;
   drawn.seed = 11;
   drawn.lit = [](double x, double y) { return std::hypot(x, y) < 215.0; };
   expect_found(drawn);
@@ -188,7 +191,8 @@ TEST(LensletGridFinder, LeavesMissingSpotsOutAndHotPixelsAlone) {
   image(40, 50) = std::numeric_limits<float>::quiet_NaN();
   const FoundGrid found = find_lenslet_grid(image, {}, false);
   EXPECT_EQ(found.n_lit, count);
-  // One spot in 12 has a hot pixel somewhere near; what replaces it is right to some hundred ADU.
+  // One spot in 12 has a hot pixel somewhere near, and what replaces the pixel is right to some
+  // hundred ADU.
   EXPECT_LT(worst_error_px(found, drawn.grid()), 0.1);
 }
 
@@ -204,7 +208,7 @@ TEST(LensletGridFinder, TakesNoLightFromBadPixels) {
     }
   }
   const FoundGrid found = find_lenslet_grid(image, bad, false);
-  EXPECT_LT(worst_error_px(found, drawn.grid()), 0.1);  // as above
+  EXPECT_LT(worst_error_px(found, drawn.grid()), 0.1);  // is the limit of the test above
 }
 
 TEST(LensletGridFinder, MeasuresNoiseAndBackgroundBetweenTheSpots) {
@@ -214,7 +218,8 @@ TEST(LensletGridFinder, MeasuresNoiseAndBackgroundBetweenTheSpots) {
   drawn.noise_adu = 12.0;
   drawn.seed = 19;
   const FoundGrid found = find_lenslet_grid(drawn.draw(), {}, false);
-  // Some 5,000 pixels lie midway: 12·1.25/√5000 = .2 on the median, 1.2 % on the scatter; five σ.
+  // Some 5,000 pixels lie midway. They give an error of 12·1.25/√5000 = .2 for the median and of
+  // 1.2 % for the scatter. The limits are five σ.
   EXPECT_NEAR(found.background_adu, 350.0, 1.1);
   EXPECT_NEAR(found.noise_adu, 12.0, 0.7);
 }

@@ -1,4 +1,5 @@
-// The grids of real frames against lists made by eye: tests/centroiding/calibration/spots/.
+// These tests compare the grids of real frames with lists made by eye, which are in
+// tests/centroiding/calibration/spots/.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -61,8 +62,8 @@ class RealFrames : public testing::Test {
   }
 };
 
-/// A listed position is a centre of mass of 5 to 11 px, a lenslet's of what exceeds a fifth of the
-/// peak: on elongated spots they differ by a pixel or two.
+/// A listed position is a centre of mass of 5 to 11 px. A lenslet's is that of the light above a
+/// fifth of the peak. On elongated spots the two differ by a pixel or two.
 constexpr double kSamePx = 4.0;
 
 void expect_every_spot_and_nothing_else(const std::string& name, double pitch_px,
@@ -86,15 +87,16 @@ void expect_every_spot_and_nothing_else(const std::string& name, double pitch_px
     if (found.lit[k] == 0) continue;
     bool listed = false;
     for (const SeenSpot& spot : seen) {
-      // A faint smear has no centre to speak of: anywhere within its lenslet.
+      // A faint smear has no clear centre, and may lie anywhere within its lenslet.
       const double reach = spot.faint ? 0.5 * pitch_px : kSamePx;
       listed = listed || std::hypot(static_cast<double>(found.spot_x_px[k]) - spot.x,
                                     static_cast<double>(found.spot_y_px[k]) - spot.y) < reach;
     }
-    EXPECT_TRUE(listed) << "nobody sees a spot at " << found.spot_x_px[k] << ", "
+    EXPECT_TRUE(listed) << "the list has no spot at " << found.spot_x_px[k] << ", "
                         << found.spot_y_px[k];
   }
-  // The README's quick fits, made without rim and bad spots sorted out.
+  // The expected values are from quick fits, in which spots at the rim and bad spots were not
+  // sorted out.
   EXPECT_NEAR(found.grid.pitch_px(), pitch_px, 0.04);
   EXPECT_LT(found.residual_px, residual_px);
 }
@@ -116,10 +118,12 @@ TEST_F(RealFrames, AHexagonalSensorIsNamedAndRefused) {
 
 TEST_F(RealFrames, AFaintStarAmongHotPixelsAndStripesStillShowsTheGrid) {
   const FoundGrid found = find_lenslet_grid(read_frame("mmirs_wfs_0150"), {}, false);
-  // The same sensor as mmirs_camera2_ref; on the sky the beam's curvature shrinks the grid by 3 %.
+  // This is the same sensor as in mmirs_camera2_ref. On the sky the beam's curvature shrinks the
+  // grid by 3 %.
   EXPECT_NEAR(found.grid.pitch_px(), 22.1, 0.1);
   EXPECT_NEAR(found.grid.rotation_deg(), -0.52, 0.1);
-  // Counted by eye 151 to 167, as one takes the faint ones at the rim and at the obscuration.
+  // People count 151 to 167 spots, depending on whether they take the faint ones at the rim and at
+  // the obscuration.
   EXPECT_GE(found.n_lit, 148);
   EXPECT_LE(found.n_lit, 168);
 }

@@ -11,7 +11,7 @@
 namespace curlew {
 namespace {
 
-/// A spot in the middle of a square window, its light 1, no threshold.
+/// Returns a spot in the middle of a square window, whose light is 1 and which has no threshold.
 SpotView centred(int side_px) {
   return {.window = {0, 0, side_px, side_px},
           .x_px = 0.5 * (side_px - 1),
@@ -20,8 +20,8 @@ SpotView centred(int side_px) {
 }
 
 TEST(SpotModel, HasTheWindowGainsOfSincSquared) {
-  // 1 − 2W·S(W)/∫S for windows of ±W λ/w. Pixels of 1/40 λ/w differ from points by 1e-3 of the
-  // gain at W = 0.5, where the light at the edge is steepest.
+  // The gains are 1 − 2W·S(W)/∫S for windows of ±W λ/w. Pixels of 1/40 λ/w differ from points by
+  // 1e-3 of the gain at W = 0.5, where the light at the edge is steepest.
   constexpr int kPixels = 40;
   const SpotModel model(kPixels, 0.0);
   const struct {
@@ -38,7 +38,8 @@ TEST(SpotModel, HasTheWindowGainsOfSincSquared) {
 }
 
 TEST(SpotModel, HasTheWindowGainOfCoarsePixels) {
-  const WindowGain gain = SpotModel(2.0, 0.0).window_gain(centred(6));  // ±1.5 λ/w of .5 λ/w each
+  // The window is ±1.5 λ/w, and a pixel is .5 λ/w.
+  const WindowGain gain = SpotModel(2.0, 0.0).window_gain(centred(6));
   EXPECT_NEAR(gain.x, 0.852, 0.003);
 }
 
@@ -53,7 +54,8 @@ TEST(SpotModel, SharesAreSincSquaredOverThePixel) {
       const double s = std::abs(u) < 1e-9 ? 1.0 : std::sin(u) / u;
       sum += s * s / (d * kSteps);
     }
-    EXPECT_NEAR(model.share(x), sum, 1e-6) << "at " << x;  // the midpoint rule's own error is 1e-7
+    // The midpoint rule's own error is 1e-7.
+    EXPECT_NEAR(model.share(x), sum, 1e-6) << "at " << x;
   }
 }
 
@@ -107,7 +109,8 @@ TEST(SpotModel, MomentsAreTheMeanOverNoisyFrames) {
       }
     }
   }
-  // Photon noise of 8e6 electrons: 4e-4 of the flux, and 1.3 px·4e-4 of the position; five σ.
+  // The photon noise of 8e6 electrons is 4e-4 of the flux, and 1.3 px·4e-4 of the position. The
+  // limits are five σ.
   EXPECT_NEAR(flux / kFrames / expected.flux_adu, 1.0, 2e-3);
   EXPECT_NEAR(moment / flux, expected.x_px, 2.5e-3);
 }
