@@ -31,8 +31,8 @@ struct Unwrapped {
   Image<float> phase;
 };
 
-/// Jumps over π between neighbours are at cuts and nowhere else, and the phase is the wrapped one
-/// but for whole turns.
+/// Expects that jumps over π between neighbours are at cuts and nowhere else, and that the phase is
+/// the wrapped one except for whole turns.
 void expect_torn_at_cuts_only(const Image<float>& wrapped, const Unwrapped& unwrapped) {
   const int cols = wrapped.cols();
   Image<std::uint8_t> cut_right(wrapped.rows(), cols), cut_down(wrapped.rows(), cols);
@@ -76,7 +76,7 @@ TEST(VortexField, IsTheSumOfArguments) {
         sx -= q * dy / (dx * dx + dy * dy + 0.2);
         sy += q * dx / (dx * dx + dy * dy + 0.2);
       }
-      // Of the arctangent's polynomial 1.2e-5, of 40 products in float the rest.
+      // The arctangent's polynomial errs by 1.2e-5, and the 40 products in float by the rest.
       EXPECT_NEAR(std::remainder(static_cast<double>(phase(r, c)) - sum, 2.0 * std::numbers::pi),
                   0.0, 3e-5);
       EXPECT_NEAR(static_cast<double>(x(r, c)), sx, 2e-5);
@@ -107,7 +107,8 @@ TEST(BranchCuts, EveryLoopButThoseOfVorticesAddsUpToNothing) {
 }
 
 TEST(BranchCuts, RunThroughTheDark) {
-  // A dark trench in a U between two opposite vortices whose straight connection is bright.
+  // A dark trench in the shape of a U joins two opposite vortices. The light on the straight way
+  // between them is bright.
   const int n = 15;
   Image<float> flux(n, n, 100.0F);
   for (int r = 4; r <= 11; ++r)
@@ -119,9 +120,9 @@ TEST(BranchCuts, RunThroughTheDark) {
   const Unwrapped dark(wrapped, flux, valid);
   ASSERT_EQ(dark.workspace.residues.size(), 2U);
   EXPECT_EQ(dark.workspace.light_cut, 0.0);
-  EXPECT_EQ(dark.workspace.cuts.size(), 6U + 7U + 6U);  // down, across, up
+  EXPECT_EQ(dark.workspace.cuts.size(), 6U + 7U + 6U);  // down, across and up
   expect_torn_at_cuts_only(wrapped, dark);
-  // In even light it goes straight.
+  // In even light the cut goes straight.
   const Unwrapped even(wrapped, Image<float>(n, n, 100.0F), valid);
   EXPECT_EQ(even.workspace.cuts.size(), 7U);
   EXPECT_EQ(even.workspace.light_cut, 1400.0);
@@ -132,13 +133,14 @@ TEST(BranchCuts, EndAtThePupilsEdgeWhereThatIsNearer) {
   Image<std::uint8_t> valid(n, n, 1);
   for (int r = 0; r < n; ++r) valid(r, 0) = valid(r, 1) = valid(r, 2) = 0;
   const Image<float> flux(n, n, 100.0F);
-  // One turn, far from the array's edge and near the pupil's.
+  // There is one turn, far from the array's edge and near the pupil's edge.
   const Image<float> one = wrapped_phase(n, {{4.5F, 10.5F, 1.0F}});
   const Unwrapped single(one, flux, valid);
   ASSERT_EQ(single.workspace.residues.size(), 1U);
   EXPECT_EQ(single.workspace.light_cut, 400.0);  // columns 4 and 3 of two rows
   expect_torn_at_cuts_only(one, single);
-  // Opposite ones far from each other go each to its edge, near each other they join.
+  // Opposite vortices far from each other are each joined with the edge near it. Near each other
+  // they are joined.
   const Image<float> far = wrapped_phase(n, {{4.5F, 10.5F, 1.0F}, {17.5F, 10.5F, -1.0F}});
   const Unwrapped apart(far, flux, valid);
   EXPECT_EQ(apart.workspace.light_cut, 400.0 + 400.0);
@@ -148,7 +150,8 @@ TEST(BranchCuts, EndAtThePupilsEdgeWhereThatIsNearer) {
 }
 
 TEST(BranchCuts, PairsAreThoseOfTheLeastSum) {
-  // + − + − in a row, the middle gap narrowest: to join it first would cost more in all.
+  // Vortices of + − + − lie in a row, with the middle gap the narrowest. If it were joined first,
+  // all cuts together would cost more.
   const int n = 40;
   const std::vector<PointVortex> row{
       {9.5F, 20.5F, 1.0F}, {14.5F, 20.5F, -1.0F}, {18.5F, 20.5F, 1.0F}, {23.5F, 20.5F, -1.0F}};

@@ -35,7 +35,8 @@ VortexList list_of(const std::vector<TestVortex>& vortices, float probability = 
   return list;
 }
 
-/// Slopes of the vortices and of a smooth phase, whose lenslet means are written out.
+/// Returns the slopes of the vortices and of a smooth phase, whose means over lenslets are written
+/// out.
 SlopeField slopes_of(const Mask& valid, const std::vector<TestVortex>& vortices) {
   SlopeField slopes = uniform_vortex_slopes(valid.rows(), valid.cols(), vortices);
   slopes.n_valid = 0;
@@ -57,7 +58,7 @@ double true_phase(const std::vector<TestVortex>& vortices, double x, double y) {
   return phase;
 }
 
-/// One frame through split and hidden phase.
+/// Takes one frame through split and hidden phase.
 struct Frame {
   Frame(const Mask& valid, const SlopeField& slopes_in, const VortexList& candidates,
         const Image<float>& flux, const HiddenPhaseOptions& options = {},
@@ -84,8 +85,8 @@ Image<float> even_light(const Mask& valid) {
   return Image<float>(valid.rows(), valid.cols(), 100.0F);
 }
 
-/// Rms over the lenslets farther than `beyond` from every vortex of (whole − true) mod 2π, less its
-/// mean; the mean is taken as a phasor.
+/// Returns the rms of (whole − true) mod 2π, less its mean, over the lenslets farther than `beyond`
+/// from every vortex. The mean is taken as a phasor.
 double rms_error(const Frame& frame, const Mask& valid, const std::vector<TestVortex>& vortices,
                  double beyond) {
   std::complex<double> mean;
@@ -116,10 +117,10 @@ TEST(HiddenPhase, IsTheTruePhaseOfAPair) {
   const SlopeField slopes = slopes_of(valid, pair);
   const Frame frame(valid, slopes, list_of(pair), even_light(valid));
   ASSERT_EQ(frame.workspace.vortices.size(), 2U);
-  // The softened slopes differ from the uniform means next to the vortices alone.
+  // The softened slopes differ from the uniform means only next to the vortices.
   EXPECT_LT(rms_error(frame, valid, pair, 0.0), 0.06);
   EXPECT_LT(rms_error(frame, valid, pair, 2.0), 0.03);
-  // Least squares alone is far off, and so would the vortices' phase on top of it be.
+  // Least squares alone is far off, and so is the vortices' phase added to it.
   Frame without(valid, slopes, list_of({}), even_light(valid));
   EXPECT_GT(rms_error(without, valid, pair, 2.0), 0.3);
   Frame twice(valid, slopes, list_of(pair), even_light(valid));
@@ -168,7 +169,7 @@ TEST(HiddenPhase, ChoosesWhatTheSlopesSpeakFor) {
   const Mask valid = square_pupil(16);
   const std::vector<TestVortex> pair{{4.3, 6.6, 1}, {9.1, 8.2, -1}};
   const SlopeField slopes = slopes_of(valid, pair);
-  // A doubtful half of the pair is believed, a probable one that is not there is not.
+  // A doubtful half of the pair is believed. A probable candidate that does not exist is not.
   VortexList candidates = list_of({{4.3, 6.6, 1}, {12.5, 3.5, 1}, {9.1, 8.2, -1}});
   candidates[1].probability = 0.7F;
   candidates[2].probability = 0.1F;
@@ -234,7 +235,8 @@ TEST(HiddenPhase, MirroredInputMirrorsOutput) {
   const Frame mirror(valid, mirrored, list_of(there), mirrored_flux);
   ASSERT_EQ(here.workspace.vortices.size(), 3U);
   EXPECT_EQ(mirror.workspace.vortices.size(), 3U);
-  // Cuts of equal price may differ: the light is the same, the phase is but for 2π.
+  // Cuts of equal price may differ. The light that they cut is the same, and so is the phase except
+  // for 2π.
   EXPECT_NEAR(here.workspace.cuts.light_cut, mirror.workspace.cuts.light_cut,
               0.2 * here.workspace.cuts.light_cut);
   const double piston = static_cast<double>(here.whole(0, 0) - mirror.whole(0, 12));

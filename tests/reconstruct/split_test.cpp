@@ -18,7 +18,7 @@ using testing::pupil_from;
 using testing::round_pupil;
 using testing::square_pupil;
 
-// Slopes in float carry a relative error of 6e-8 each; Γφ takes differences of φ, whose size grows
+// Each slope in float carries a relative error of 6e-8. Γφ takes differences of φ, whose size grows
 // with the pupil. 40 rounding errors of the largest slope cover every pupil here.
 constexpr double kRounding = 40 * 6e-8;
 
@@ -38,8 +38,8 @@ SlopeField random_slopes(const Mask& valid, std::mt19937& random, bool random_va
   return slopes;
 }
 
-/// The curl-free slopes [x then y of each valid lenslet] by a dense least-squares solve in double,
-/// written from the definition: corner differences, minimum norm.
+/// Returns the curl-free slopes [x then y of each valid lenslet] by a dense least-squares solve in
+/// double. It is written from the definition: corner differences and minimum norm.
 Eigen::VectorXd dense_curl_free(const SlopeField& slopes, bool weighted) {
   const int rows = slopes.rows();
   const int cols = slopes.cols();
@@ -80,7 +80,7 @@ HodgeSplit split_of(const Mask& plan_mask, const SlopeField& slopes, SplitOption
   return split;
 }
 
-/// D of DESIGN.md, in double; NaN where a lenslet is missing.
+/// Returns D of detect/circulation.h in double, and NaN where a lenslet is missing.
 double circulation(const Image<float>& x, const Image<float>& y, const Mask& valid, int r, int c) {
   if (valid(r, c) == 0 || valid(r, c + 1) == 0 || valid(r + 1, c) == 0 || valid(r + 1, c + 1) == 0)
     return std::nan("");
@@ -120,9 +120,9 @@ void expect_exact_split(const Mask& plan_mask, const SlopeField& slopes, const H
     EXPECT_NEAR(x + sx, static_cast<double>(slopes.x[k]), kRounding * largest);
     EXPECT_NEAR(y + sy, static_cast<double>(slopes.y[k]), kRounding * largest);
   }
-  // The acceptance figure: within 1e-5 of a dense double solve, relative to the largest slope.
+  // The split must be within 1e-5 of a dense double solve, relative to the largest slope.
   EXPECT_LT(error, 1e-5 * largest);
-  // Conjugate gradients stop at 1e-6 of the fit's energy; so much is left of the inner product.
+  // Conjugate gradients stop at 1e-6 of the fit's energy, and leave as much of the inner product.
   EXPECT_LT(std::abs(inner), (split.iterations > 0 ? 4e-6 : kRounding) * norm);
   for (int r = 0; r + 1 < plan_mask.rows(); ++r)
     for (int c = 0; c + 1 < plan_mask.cols(); ++c) {
@@ -192,12 +192,13 @@ TEST(Split, AFadeThatSplitsAComponent) {
   const Mask mask = pupil_from({"###.###", "#######", "###.###"});
   std::mt19937 random(7004);
   SlopeField slopes = random_slopes(mask, random);
-  slopes.valid(1, 3) = 0;  // the bridge
+  slopes.valid(1, 3) = 0;  // takes the bridge away
   slopes.x(1, 3) = slopes.y(1, 3) = 0.0F;
   const HodgeSplit split = split_of(mask, slopes);
   EXPECT_TRUE(split.converged);
   expect_exact_split(mask, slopes, split, false);
-  for (const int first : {0, 4}) {  // each half has its own mean zero
+  // Each half has its own mean zero.
+  for (const int first : {0, 4}) {
     double sum = 0.0;
     for (int r = 0; r < 3; ++r)
       for (int c = first; c < first + 3; ++c) sum += static_cast<double>(split.phase(r, c));
@@ -206,8 +207,8 @@ TEST(Split, AFadeThatSplitsAComponent) {
 }
 
 TEST(Split, PhaseOfAKnownPolynomial) {
-  // Γ of φ = a x + b y + c x² + d x y at the corners; the mean of four corners of x² exceeds the
-  // centre's value by the constant ¼, which mean zero removes.
+  // The slopes are Γ of φ = a x + b y + c x² + d x y at the corners. The mean of x² over four
+  // corners exceeds the centre's value by the constant ¼, which mean zero removes.
   const int n = 80;
   const Mask mask = round_pupil(n);
   SlopeField slopes(n, n);
@@ -229,7 +230,8 @@ TEST(Split, PhaseOfAKnownPolynomial) {
   for (int r = 0; r < n; ++r)
     for (int c = 0; c < n; ++c)
       if (mask(r, c) != 0) {
-        // Float slopes up to 6 summed over 80 pitches: 300 rad, 2e-5 of it as DESIGN.md measured.
+        // Float slopes of up to 6 are summed over 80 pitches, which makes 300 rad. The phase is
+        // accurate to 2e-5 of that.
         EXPECT_NEAR(static_cast<double>(split.phase(r, c)), phi(c, r) - mean / count, 6e-3);
         EXPECT_NEAR(static_cast<double>(split.solenoidal_x(r, c)), 0.0, 1e-5);
         EXPECT_NEAR(static_cast<double>(split.solenoidal_y(r, c)), 0.0, 1e-5);
@@ -237,7 +239,7 @@ TEST(Split, PhaseOfAKnownPolynomial) {
 }
 
 TEST(Split, PotentialGivesTheSolenoidalSlopes) {
-  // On cells all round a lenslet, w·s_sol = (−∂ψ/∂y, ∂ψ/∂x) by the differences of the lattice.
+  // In cells all round a lenslet, w·s_sol = (−∂ψ/∂y, ∂ψ/∂x) by the differences of the lattice.
   std::mt19937 random(7005);
   SCOPED_TRACE("seed 7005");
   const Mask mask = annular_pupil(14, 0.3);
@@ -276,8 +278,9 @@ TEST(Split, PositiveVortexIsAMinimumOfThePotential) {
 }
 
 TEST(Split, CirculationRoundAHole) {
-  // Exact phase differences of a charge in the middle of a hole: every loop encloses 2π. Edge A of
-  // a lenslet is φ11 − φ00 and B φ10 − φ01, each the angle seen from the charge.
+  // The phase differences are those of a charge in the middle of a hole, so that every loop
+  // encloses 2π. Edge A of a lenslet is φ11 − φ00 and edge B is φ10 − φ01; each is the angle seen
+  // from the charge.
   for (const auto& [charge, size] : {std::pair{1, 1}, {-1, 1}, {1, 2}, {-1, 3}}) {
     Mask mask = square_pupil(9);
     for (int r = 3; r < 3 + size; ++r)
@@ -302,7 +305,7 @@ TEST(Split, CirculationRoundAHole) {
     EXPECT_NEAR(static_cast<double>(split.holes[0].x), x0, 1e-6);
     EXPECT_NEAR(static_cast<double>(split.holes[0].y), x0, 1e-6);
 
-    // The same hole made by a fade gives the same.
+    // A fade that makes the same hole gives the same circulation.
     SplitOptions options;
     const HodgeSplit faded = split_of(square_pupil(9), slopes, options);
     ASSERT_EQ(faded.holes.size(), 1U);
@@ -321,7 +324,7 @@ TEST(Split, AllFadedGivesZeros) {
 }
 
 TEST(Split, TiltDoesNotLeak) {
-  // A tilt of 100 rad per pitch is a gradient: nothing of it may leak into the solenoidal part.
+  // A tilt of 100 rad per pitch is a gradient, and nothing of it may leak into the solenoidal part.
   const Mask mask = round_pupil(40);
   SlopeField slopes(40, 40);
   slopes.valid = mask;
