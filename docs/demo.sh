@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The demo: a beam with vortices simulated, the sensor calibrated on a plane wave, the beam
-# replayed and one frame drawn. Run it by ./dev demo.
+# The demo simulates a beam with vortices, calibrates the sensor on a plane wave, replays the beam
+# and draws one frame. Run it with ./dev demo.
 set -euo pipefail
 curlew=${CURLEW:-build/release/curlew}
 python=${PYTHON:-/usr/bin/python3}

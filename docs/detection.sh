@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Everything that docs/detection.md and docs/paper.md state, measured again: under an hour on two
-# cores, most of it simulating turbulence, which is kept for the next time. --quick shows in a
-# minute or two that all of it runs. Run it by ./dev detection.
+# Measures again the main tables of docs/lab/detection.md and the values of docs/paper.md. That takes
+# under an hour on two cores. Most of it is simulating turbulence, which is kept for the next time.
+# --quick shows in a minute or two that all of it runs. Run it with ./dev detection.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 curlew=${CURLEW:-build/release/curlew}
@@ -11,7 +11,7 @@ quick=()
 out=${1:-detection}
 mkdir -p "$out"
 
-measure() {  # measure <name> <command…>: prints what it says and keeps it
+measure() {  # measure <name> <command…>: prints what the command says, and keeps it
   local name=$1
   shift
   printf '\n$ %s\n' "$*"
@@ -24,7 +24,7 @@ for pupil in round obscured; do
   measure "detect_$pupil" "${bench[@]}" detect --pupil "$pupil" --faded 0.05 --rytov 2 "${quick[@]}"
 done
 measure detect_weighted "${bench[@]}" detect --centroid weighted --rytov 2 "${quick[@]}"
-# What the classifier was not taught: other lenslets, windows, samplings, fluxes.
+# These have what the classifier was not taught: other lenslets, windows, samplings and fluxes.
 some=(--realisations 24 --validation 24)
 [ ${#quick[@]} -gt 0 ] && some=(--quick)
 measure detect_lenslet "${bench[@]}" detect --lenslet 0.1 --rytov 2 --photons 1000 "${some[@]}"
