@@ -94,8 +94,8 @@ class Streaming {
   Camera& camera_;
 };
 
-/// Is called once in every thread in which a camera takes frames, before the first frame; it pins
-/// the thread and sets its priority.
+/// A camera calls this once in every thread in which it takes frames, before the first frame, so
+/// that the thread can be pinned and get its priority.
 using ThreadStart = std::function<void()>;
 
 }  // namespace curlew

@@ -65,12 +65,12 @@ struct CameraOptions {
   std::int64_t packet_delay_ns = -1;  ///< delay between packets; −1 leaves it
   int socket_buffer_bytes = 8 << 20;  ///< the kernel's receive buffer, capped by net.core.rmem_max
   bool packet_resend = false;         ///< whether lost packets are asked for; late data is useless
-  /// An incomplete frame is given up so long after its last packet.
+  /// An incomplete frame is given up this long after its last packet.
   std::int64_t frame_retention_us = 20000;
 
   int buffers = 6;  ///< frames the camera may be filling, beside those in the pipeline
-  /// The camera counts as lost after so long without a frame. 0 means never; −1 means 5 s, or never
-  /// if the trigger is line or software.
+  /// The camera counts as lost after this long without a frame. 0 means never; −1 means 5 s, or
+  /// never if the trigger is line or software.
   double timeout_s = -1.0;
   double max_backoff_s = 5.0;  ///< longest pause between two attempts to connect
   UsbLayout usb;

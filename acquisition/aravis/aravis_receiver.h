@@ -43,7 +43,7 @@ class AravisReceiver {
   /// all bits are used.
   std::string justification() const;
 
-  /// Is an ArvStreamCallback, whose receiver is an AravisReceiver.
+  /// This is an ArvStreamCallback, whose receiver is an AravisReceiver.
   static void on_stream_event(void* receiver, ArvStreamCallbackType event, ArvBuffer*);
 
  private:

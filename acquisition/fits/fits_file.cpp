@@ -1,4 +1,4 @@
-// FitsFile: opening, committing, HDUs and the wording of errors.
+// This file holds how FitsFile opens, commits, finds HDUs and words its errors.
 #include "acquisition/fits/fits_file.h"
 
 #include <fitsio.h>
@@ -34,7 +34,8 @@ std::string literal_path(const std::string& path) {
   return absolute;
 }
 
-// FITS begins with SIMPLE; gzip and compress, which cfitsio opens as well, with these bytes.
+// A FITS file begins with SIMPLE. Files of gzip and compress, which cfitsio opens as well, begin
+// with the other bytes.
 bool begins_like_fits(const std::array<char, 6>& head) {
   return std::memcmp(head.data(), "SIMPLE", 6) == 0 ||
          std::memcmp(head.data(), "\x1f\x8b", 2) == 0 ||
@@ -55,7 +56,7 @@ FitsFile::Handle::~Handle() {
     std::error_code ignored;
     fs::remove(partial, ignored);
   }
-  std::free(memory);  // cfitsio grew it by realloc
+  std::free(memory);  // cfitsio made it grow by realloc.
 }
 
 void FitsFile::Handle::fail(const std::string& what) const { throw Failure(path + " " + what); }
@@ -194,7 +195,7 @@ void FitsFile::select(const std::string& name) {
 
 bool FitsFile::try_select(const std::string& name) {
   int status = 0;
-  std::string mutable_name = name;  // cfitsio's parameter is not const
+  std::string mutable_name = name;  // cfitsio's parameter is not const.
   fits_movnam_hdu(cfits(handle_->file), ANY_HDU, mutable_name.data(), 0, &status);
   fits_clear_errmsg();
   return status == 0;

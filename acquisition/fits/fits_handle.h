@@ -1,4 +1,4 @@
-// What the three parts of FitsFile share. Does not include cfitsio: only the .cpp files do.
+// The parts of FitsFile share this. It does not include cfitsio: only the .cpp files do.
 #pragma once
 
 #include <cstddef>
@@ -18,16 +18,16 @@ struct FitsFile::Handle {
   void* file = nullptr;  ///< cfitsio's fitsfile*
   std::string path;      ///< as the user wrote it
   std::string target;    ///< the file it names, links followed
-  std::string partial;   ///< what is being written; empty when reading or in memory
+  std::string partial;   ///< the file being written; empty when reading or in memory
 
-  void* memory = nullptr;  ///< where a file in memory is, by malloc
+  void* memory = nullptr;  ///< the bytes of a file in memory, allocated by calloc
   std::size_t memory_bytes = 0;
 
   bool writing() const { return !partial.empty(); }
   /// Throws the Failure for a cfitsio status other than 0, as one sentence about `doing`
   /// (a phrase with a verb: "read the key NAXIS"), and empties cfitsio's own error stack.
   void check(int status, const std::string& doing) const;
-  /// Throws "<path> <what>".
+  /// Throws Failure with the text "<path> <what>".
   [[noreturn]] void fail(const std::string& what) const;
 };
 

@@ -1,4 +1,4 @@
-// FitsFile: header keys.
+// This file holds what FitsFile does with header keys.
 #include <fitsio.h>
 
 #include <array>
@@ -24,7 +24,7 @@ std::string printable_ascii(std::string text) {
   return text;
 }
 
-// The shortest of 15 and 17 digits that reads back as the same number.
+// Writes a number in 15 digits, or in 17 if 15 do not read back as the same number.
 std::string key_text(double value) {
   std::array<char, 40> digits{};
   for (const int precision : {15, 17}) {
@@ -37,7 +37,7 @@ std::string key_text(double value) {
       for (char& c : text) {
         if (c == 'e') c = 'E';
       }
-      // A number without point or exponent would be read as an integer by others.
+      // Others would read a number without point or exponent as an integer.
       if (text.find_first_of(".E") == std::string::npos) text += '.';
       return text;
     }

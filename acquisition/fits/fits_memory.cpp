@@ -1,4 +1,4 @@
-// FitsFile: files in memory, and single header cards.
+// This file holds what FitsFile does with files in memory and with single header cards.
 #include <fitsio.h>
 
 #include <array>
@@ -13,7 +13,7 @@ namespace curlew {
 namespace {
 
 constexpr std::size_t kBlock = 2880;           // bytes
-constexpr std::size_t kGrowth = 100 * kBlock;  // bytes, at least, that a file grows by at a time
+constexpr std::size_t kGrowth = 100 * kBlock;  // bytes, at least, by which a file grows
 
 fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
 
@@ -22,7 +22,7 @@ fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
 FitsFile FitsFile::create_in_memory(const std::string& path) {
   auto handle = std::make_unique<Handle>();
   handle->path = path;
-  // cfitsio takes what is there at first for a part of the file.
+  // cfitsio takes the memory that is there at first for a part of the file.
   handle->memory_bytes = kBlock;
   handle->memory = std::calloc(1, kBlock);
   fitsfile* file = nullptr;
@@ -50,7 +50,7 @@ std::span<const std::byte> FitsFile::memory() {
 std::string FitsFile::card(const std::string& name, std::int64_t value,
                            const std::string& comment) {
   std::array<char, FLEN_CARD> text{};
-  std::string number = std::to_string(value);  // cfitsio's parameter is not const
+  std::string number = std::to_string(value);  // cfitsio's parameter is not const.
   int status = 0;
   fits_make_key(name.c_str(), number.data(), comment.c_str(), text.data(), &status);
   std::string card = text.data();

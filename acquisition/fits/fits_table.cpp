@@ -1,4 +1,4 @@
-// FitsFile: binary tables.
+// This file holds what FitsFile does with binary tables.
 #include <fitsio.h>
 
 #include <algorithm>
@@ -14,8 +14,7 @@
 namespace curlew {
 namespace {
 
-constexpr std::int64_t kBlock =
-    2880;  // bytes; every part of a FITS file is so many times this long
+constexpr std::int64_t kBlock = 2880;  // bytes; the parts of a FITS file are multiples of it
 
 fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
 
@@ -27,11 +26,12 @@ constexpr int datatype() {
   if constexpr (std::is_same_v<T, double>) return TDOUBLE;
 }
 
-// The column's number, or 0. Exact but for case: cfitsio would take '*' and '#' as wildcards.
+// Returns the column's number, or 0 if there is none. Case does not matter. cfitsio takes '*', '?'
+// and '#' in a name as wildcards; no name that the program asks for has them.
 int find_column(fitsfile* file, const std::string& name) {
   int status = 0;
   int column = 0;
-  std::string mutable_name = name;  // cfitsio's parameter is not const
+  std::string mutable_name = name;  // cfitsio's parameter is not const.
   fits_get_colnum(file, CASEINSEN, mutable_name.data(), &column, &status);
   fits_clear_errmsg();
   return status == 0 ? column : 0;

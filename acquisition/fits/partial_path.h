@@ -1,4 +1,4 @@
-// Where a file is written until it is complete.
+// This says where a file is written until it is complete.
 #pragma once
 
 #include <unistd.h>
@@ -8,7 +8,7 @@
 
 namespace curlew {
 
-/// The file that `path` really names, links followed; path itself where that cannot be told.
+/// Returns the file that `path` really names, links followed; path itself if that cannot be told.
 inline std::string target_of(const std::string& path) {
   namespace fs = std::filesystem;
   std::error_code error;
@@ -18,7 +18,8 @@ inline std::string target_of(const std::string& path) {
   return error ? path : target.string();
 }
 
-/// A name beside the target that no other process writes to: renaming it completes the file.
+/// Returns a name beside the target that no other process writes to. Renaming that file to the
+/// target completes it.
 inline std::string partial_path(const std::string& target) {
   return target + "." + std::to_string(getpid()) + ".partial";
 }

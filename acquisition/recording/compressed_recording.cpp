@@ -36,7 +36,7 @@ Comparison compare(const std::string& raw, const std::string& compressed,
   return Comparison::kSame;
 }
 
-// false where it was to stop; then there is no file.
+// Returns false if it was asked to stop; then there is no file.
 bool write_compressed(const std::string& raw, const std::string& compressed,
                       const std::string& program, const std::stop_token& stop) {
   FitsSource source({raw});

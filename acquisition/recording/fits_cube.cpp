@@ -30,7 +30,7 @@ std::string type_text(ElementType element) {
   return "64-bit float";
 }
 
-// Selects the first image with axes, and says which HDU it is.
+// Selects the first image with axes, and returns which HDU it is and what it holds.
 std::pair<int, ImageInfo> find_image(FitsFile& file) {
   for (int hdu = 0; hdu == 0 || file.try_select(hdu); ++hdu) {
     if (!file.is_image()) continue;

@@ -1,4 +1,4 @@
-// FitsCube: the first image of anybody's FITS file, as a stack of frames.
+// A FitsCube is the first image of anybody's FITS file, as a stack of frames.
 #pragma once
 
 #include <cstdint>
@@ -11,11 +11,12 @@
 
 namespace curlew {
 
-/// The first image HDU that has pixels (primary or extension, tile-compressed or not), 2-D or 3-D;
-/// further axes of length 1 do not count. Left selected in `file`.
+/// Holds the first image HDU that has axes (primary or extension, tile-compressed or not). It is
+/// 2-D or 3-D; further axes of length 1 do not count. It stays selected in `file`.
 struct FitsCube {
-  /// Failure: whatever FitsFile::open and FitsFile::image refuse, no image, no frame in it, one
-  /// or more than three dimensions, frames larger than an int counts.
+  /// Opens a file. Throws Failure for whatever FitsFile::open and FitsFile::image refuse, and if
+  /// there is no image, no frame in it, one dimension or more than three, or a frame larger than an
+  /// int counts.
   static FitsCube open(const std::string& path);
 
   FitsFile file;
@@ -28,9 +29,9 @@ struct FitsCube {
   Detector detector{};
 
   std::int64_t frame_pixels() const { return std::int64_t{region.rows} * region.cols; }
-  /// "64 x 48 pixels of 16-bit integer": rows, columns and type, for messages.
+  /// Returns rows, columns and type, for messages: "64 x 48 pixels of 16-bit integer".
   std::string description() const;
-  /// Reads one frame of region.pixels() physical values. T as in FitsFile::read_pixels.
+  /// Reads one frame of region.pixels() physical values. T is as in FitsFile::read_pixels.
   template <typename T>
   void read_frame(std::int64_t frame, std::span<T> into) {
     file.read_pixels(frame * frame_pixels(), into);

@@ -19,7 +19,7 @@ constexpr double kMaxCount = 65535.0;
 constexpr double kWideSpan = 4096.0;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// What the scan of all values finds out.
+/// Holds what the scan of all values finds out.
 struct Range {
   double min = kInfinity;
   double max = -kInfinity;
@@ -45,7 +45,8 @@ double choose_scale(const Range& range) {
   const double span = range.max - range.min;
   if (span <= kMaxCount && (range.whole_numbers || span >= kWideSpan)) return 1.0;
   const double scale = span / kMaxCount;
-  return scale >= std::numeric_limits<double>::min() ? scale : 1.0;  // constant, or nearly
+  // If all values are equal, or nearly, there is no scale to choose.
+  return scale >= std::numeric_limits<double>::min() ? scale : 1.0;
 }
 
 std::string number(double value) {
@@ -216,7 +217,7 @@ void FitsSource::read_pixels(FrameBuffer& into) {
       return;
     case Reading::kI16:
       cube_->read_frame(frame_in_file_, std::span(reinterpret_cast<std::int16_t*>(into.data()), n));
-      // +32768 in two's complement.
+      // This adds 32768 in two's complement.
       for (std::size_t k = 0; k < n; ++k)
         counts[k] = static_cast<std::uint16_t>(counts[k] ^ 0x8000U);
       return;

@@ -1,4 +1,4 @@
-// FitsSource: frames from recordings and from anybody's FITS files.
+// A FitsSource gives frames from recordings and from anybody's FITS files.
 #pragma once
 
 #include <cstdint>
@@ -16,38 +16,42 @@ namespace curlew {
 
 /// Delivers the frames of one or more files, one after the other, as fast as they are asked for.
 ///
-/// Unsigned 8- and 16-bit images pass untouched, signed 16-bit ones become unsigned with zero
+/// Unsigned 8- and 16-bit images pass untouched, and signed 16-bit ones become unsigned with zero
 /// −32768. All others (32-bit, float, integers with undefined pixels) are read once in the
-/// constructor for their range and are mapped to 16 bits by one affine map for all files: scale 1
-/// where the values span no more than 65535 and are whole numbers or span at least 4096, else
-/// the span over 65535. NaN, infinite and undefined pixels are bad; they get count 0. A frame
-/// without any finite pixel is delivered with kFrameIncomplete and makes no pixel bad.
+/// constructor for their range and are mapped to 16 bits by one affine map for all files. Its scale
+/// is 1 if the values span no more than 65535 and are whole numbers or span at least 4096;
+/// otherwise it is the span over 65535. NaN, infinite and undefined pixels are bad; they get count
+/// 0. A frame without any finite pixel is delivered with kFrameIncomplete and makes no pixel bad.
 ///
-/// Frame headers come from the table FRAMES; where it is missing or short the sequence counts on
+/// Frame headers come from the table FRAMES. If that is missing or short, the sequence counts on
 /// from the frame before (from 0), status is 0 and the times are unknown (0).
 class FitsSource : public FrameSource {
  public:
-  /// Failure: whatever FitsCube::open refuses; files that differ in size, type, offset or
-  /// binning; a file without any finite pixel; values too far apart for a double.
+  /// Throws UsageError if no path is given. Throws Failure for whatever FitsCube::open refuses, for
+  /// files that differ in size, type, offset or binning, for a file without any finite pixel, if no
+  /// pixel is finite in all frames, and for values too far apart for a double.
   explicit FitsSource(std::vector<std::string> paths);
 
   const FrameFormat& format() const override { return format_; }
   std::int64_t frame_count() const override { return frame_count_; }
-  /// into: made with this source's format(). Allocates only when it passes to the next file, and
-  /// for tile-compressed images.
+  /// into: made with this source's format(). The function allocates only when it passes to the next
+  /// file, and for tile-compressed images.
   Delivery next(FrameBuffer& into) override;
 
-  /// From the first file's keys; what they do not say keeps its default (mostly NaN).
+  /// These come from the first file's keys; what the keys do not say keeps its default (mostly
+  /// NaN).
   const Optics& optics() const { return optics_; }
   const Detector& detector() const { return detector_; }
-  /// 1 where a pixel is not a finite number in some frame, [rows, cols]; empty where there is none.
+  /// Returns 1 where a pixel is not a finite number in some frame, [rows, cols]; empty if there is
+  /// no such pixel.
   const Image<std::uint8_t>& nan_pixels() const { return nan_pixels_; }
-  /// One sentence on how pixel values became counts; empty where they pass untouched.
+  /// Returns one sentence on how pixel values became counts; empty if they pass untouched.
   const std::string& map_report() const { return map_report_; }
 
  private:
   enum class Reading { kU8, kU16, kI16, kMapped };
-  /// The columns of one file's FRAMES table; each as long as the rows that are there, or empty.
+  /// Holds the columns of one file's FRAMES table; each is as long as the rows that are there, or
+  /// empty.
   struct FrameTable {
     std::vector<std::int64_t> sequence;
     std::vector<std::int64_t> camera_ns;
@@ -74,7 +78,7 @@ class FitsSource : public FrameSource {
   FrameTable table_;
   std::int64_t frame_in_file_ = 0;
   std::int64_t next_sequence_ = 0;
-  Image<double> values_;  ///< physical values of one frame, where mapped
+  Image<double> values_;  ///< physical values of one frame, if mapped
 };
 
 }  // namespace curlew

@@ -18,12 +18,13 @@
 namespace curlew {
 namespace {
 
-constexpr std::int64_t kBlock = 2880;  // bytes; every part of a FITS file is so many times this
+constexpr std::int64_t kBlock = 2880;  // bytes; the parts of a FITS file are multiples of it
 constexpr std::int64_t kCard = 80;     // bytes
-// FITS demands NAXIS3 as the sixth card of a cube's header, NAXIS1 as the fourth of an extension's.
+// FITS demands NAXIS3 as the sixth card of a cube's header, and NAXIS1 as the fourth of an
+// extension's.
 constexpr std::int64_t kNaxis3At = 5 * kCard;
 constexpr std::int64_t kNaxis1At = 3 * kCard;
-// A hole in the file, which takes no space on the disk.
+// The space for new frames is a hole in the file, which takes no space on the disk.
 constexpr std::int64_t kMinSpare = std::int64_t{64} << 20;
 
 constexpr std::int64_t whole_blocks(std::int64_t bytes) {
@@ -62,7 +63,7 @@ GrowingRecording::GrowingRecording(const std::string& path, const FrameFormat& f
     write(model_.memory().first(as_size(head_bytes_)), 0);
     write(tail_, head_bytes_);
     resize(tail_end_ + spare_bytes_);
-  } catch (const Failure&) {  // no destructor will run
+  } catch (const Failure&) {  // No destructor will run.
     close(file_);
     unlink(partial_.c_str());
     throw;
@@ -72,7 +73,7 @@ GrowingRecording::GrowingRecording(const std::string& path, const FrameFormat& f
 GrowingRecording::~GrowingRecording() {
   // UNFINISHED's header is the tail's last block.
   const std::int64_t end = tail_is_whole_ ? tail_end_ - kBlock : whole_blocks(committed_end_);
-  // Where it fails the file is as a killed process leaves it: readable.
+  // If this fails, the file is as a killed process leaves it: readable.
   [[maybe_unused]] const int result = ftruncate(file_, end);
   close(file_);
   if (!partial_.empty()) unlink(partial_.c_str());
@@ -88,18 +89,18 @@ void GrowingRecording::append(const FrameView& frame, const FrameHeader& header)
   require_format(path_, format_, frame);
   encode(frame);
   const std::span<const std::byte> bytes = encoded_;
-  // What belongs where the tail is has to wait.
+  // The part of the frame that belongs where the tail is has to wait.
   const std::int64_t tail_left = std::max<std::int64_t>(0, tail_end_ - pending_end_);
   const std::size_t hold = std::min(bytes.size(), as_size(tail_left));
   held_.insert(held_.end(), bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(hold));
   write(bytes.subspan(hold), pending_end_ + static_cast<std::int64_t>(hold));
   pending_end_ += static_cast<std::int64_t>(bytes.size());
   pending_.add(header);
-  // Half of the space is left for the next frame and the tail.
+  // This leaves half of the space for the next frame and the tail.
   if (pending_end_ > tail_end_ + spare_bytes_ / 2) commit();
 }
 
-// Big-endian; 16 bits as signed with BZERO 32768.
+// Writes the pixels big-endian into encoded_, 16 bits as signed numbers with BZERO 32768.
 void GrowingRecording::encode(const FrameView& frame) {
   if (format_.pixel_type == PixelType::kU8) {
     std::memcpy(encoded_.data(), frame.pixels, encoded_.size());
@@ -115,7 +116,8 @@ void GrowingRecording::encode(const FrameView& frame) {
   }
 }
 
-// What follows the pending frames: zeros to the next block, the table with their rows, UNFINISHED.
+// Makes tail_ of what follows the pending frames: zeros to the next block, the table with their
+// rows, and UNFINISHED.
 void GrowingRecording::lay_out_tail() {
   model_.select("FRAMES");
   write_frame_rows(model_, committed_, pending_);
@@ -131,7 +133,7 @@ void GrowingRecording::commit() {
   if (pending_.size() == 0) return;
   lay_out_tail();
   const std::int64_t new_tail_end = pending_end_ + size(tail_);
-  // What of the new tail lies where the old one is, where frames are few, waits as well.
+  // If the frames are few, the new tail begins where the old one is; that part waits as well.
   const std::size_t hold =
       std::min(tail_.size(), as_size(std::max<std::int64_t>(0, tail_end_ - pending_end_)));
   held_.insert(held_.end(), tail_.begin(), tail_.begin() + static_cast<std::ptrdiff_t>(hold));

@@ -1,4 +1,4 @@
-// GrowingRecording: a recording that can be read at every moment while it grows.
+// A GrowingRecording is a recording that can be read at every moment while it grows.
 #pragma once
 
 #include <cstddef>
@@ -14,25 +14,27 @@
 
 namespace curlew {
 
-/// Writes the Recording format of DESIGN.md so that whoever opens the file, also after this process
-/// was killed, finds a FITS file with all frames of the last commit() and their table:
+/// Writes a recording (docs/files.md) so that whoever opens the file, even after this process was
+/// killed, finds a FITS file with all frames of the last commit() and their table:
 ///
 ///     cube of the committed frames | FRAMES | UNFINISHED, an image over the space behind
 ///
-/// New frames go into that space. commit() writes the next table and UNFINISHED behind them, then,
-/// all at once, the frames' part where the old table was and the key NAXIS3. Whoever is killed
-/// between these last two, some 20 µs, leaves the cube without the table. A file gets its name by
-/// the first commit(). Data survive the process, not a loss of power.
+/// New frames go into that space. commit() writes the next table and UNFINISHED behind them. Then
+/// it writes, one right after the other, the part of the frames that belongs where the old table
+/// was, and the key NAXIS3. A process that is killed between these two, within some 20 µs, leaves
+/// the cube without the table. The file gets its name by the first commit(). Data survive the
+/// process, but not a loss of power.
 ///
-/// All errors are Failure naming the file, which then ends with the last commit(). Not for two
-/// threads at once. Keeps 28 bytes a frame in memory.
+/// All errors are Failure naming the file, which then ends with the last commit(). Two threads must
+/// not use one at once. It keeps 28 bytes per frame in memory.
 class GrowingRecording {
  public:
-  /// Arguments as of RecordingWriter. Failure also where the file exists.
+  /// The arguments are those of RecordingWriter. Throws Failure also if the file exists.
   GrowingRecording(const std::string& path, const FrameFormat& format, const Optics& optics,
                    const Detector& detector, const std::string& program);
 
-  /// Cuts off what was not committed; with it UNFINISHED goes, and a file without a frame.
+  /// Cuts off what was not committed, and UNFINISHED with it. A file without a committed frame is
+  /// removed.
   ~GrowingRecording();
   GrowingRecording(const GrowingRecording&) = delete;
   GrowingRecording& operator=(const GrowingRecording&) = delete;
@@ -46,7 +48,7 @@ class GrowingRecording {
   const std::string& path() const { return path_; }
   std::int64_t frames() const { return committed_ + static_cast<std::int64_t>(pending_.size()); }
   std::int64_t committed() const { return committed_; }
-  /// Of the file, once all frames are committed.
+  /// Returns the bytes of the file once all frames are committed.
   std::int64_t bytes() const;
 
  private:
@@ -58,23 +60,23 @@ class GrowingRecording {
   [[noreturn]] void fail(int error) const;
 
   std::string path_;
-  std::string partial_;  ///< its name until the first commit; then empty
+  std::string partial_;  ///< the file's name until the first commit; then empty
   FrameFormat format_;
-  FitsFile model_;  ///< in memory: the file's header, table and UNFINISHED, without any pixel
+  FitsFile model_;  ///< the file's header, table and UNFINISHED in memory, without any pixel
   int file_ = -1;
-  std::int64_t head_bytes_ = 0;   ///< of the primary header
-  std::int64_t spare_bytes_ = 0;  ///< of UNFINISHED's pixels, a hole until frames come
+  std::int64_t head_bytes_ = 0;   ///< size of the primary header
+  std::int64_t spare_bytes_ = 0;  ///< size of UNFINISHED's pixels, a hole until frames come
 
-  std::int64_t committed_ = 0;      ///< frames
-  std::int64_t committed_end_ = 0;  ///< of their pixels in the file
-  std::int64_t tail_end_ = 0;       ///< of table and UNFINISHED's header
+  std::int64_t committed_ = 0;      ///< number of committed frames
+  std::int64_t committed_end_ = 0;  ///< end of their pixels in the file
+  std::int64_t tail_end_ = 0;       ///< end of the table and UNFINISHED's header
   bool tail_is_whole_ = true;       ///< false while it is overwritten
 
-  FrameColumns pending_;          ///< headers of the frames since the last commit
-  std::int64_t pending_end_ = 0;  ///< of their pixels in the file
-  std::vector<std::byte> held_;   ///< those of their pixels that belong where the tail is
-  std::vector<std::byte> encoded_;
-  std::vector<std::byte> tail_;  ///< the next one, with the padding before it
+  FrameColumns pending_;            ///< headers of the frames since the last commit
+  std::int64_t pending_end_ = 0;    ///< end of their pixels in the file
+  std::vector<std::byte> held_;     ///< bytes that wait because they belong where the tail is
+  std::vector<std::byte> encoded_;  ///< the pixels of one frame as FITS has them
+  std::vector<std::byte> tail_;     ///< the next tail, with the padding before it
 };
 
 }  // namespace curlew

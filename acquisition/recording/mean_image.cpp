@@ -20,7 +20,8 @@ MeanImage read_mean_image(const std::string& path) {
                    .frames = cube.frames,
                    .region = cube.region};
   Image<double> frame(rows, cols);
-  // Welford, Technometrics 4, 419 (1962): no cancellation however large the bias.
+  // This is the method of Welford, Technometrics 4, 419 (1962): nothing cancels, however large the
+  // bias is.
   for (std::int64_t n = 0; n < cube.frames; ++n) {
     cube.read_frame(n, std::span(frame.data(), frame.size()));
     const double weight = 1.0 / static_cast<double>(n + 1);

@@ -8,7 +8,7 @@
 namespace curlew {
 namespace {
 
-// One member of every row, as a column.
+// Returns one member of every row, as a column.
 template <typename T, typename Member>
 std::vector<T> column(std::span<const TruthVortex> rows, Member member) {
   std::vector<T> values;

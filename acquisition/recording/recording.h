@@ -1,4 +1,4 @@
-// RecordingWriter: frames and their headers into a FITS file; the truth beside them.
+// A RecordingWriter writes frames and their headers into a FITS file, and the truth beside them.
 #pragma once
 
 #include <cstdint>
@@ -16,19 +16,20 @@
 
 namespace curlew {
 
-/// Writes the Recording format of DESIGN.md: the cube as primary image, 8 bits or 16 with BZERO
-/// 32768, then the table FRAMES and, for simulated frames, TRUTH. The file appears under its
-/// name by commit() and not before. All errors are Failure naming the file. Keeps 28 bytes a
-/// frame in memory.
+/// Writes a recording (docs/files.md): the cube as primary image, 8 bits or 16 with BZERO 32768,
+/// then the table FRAMES and, for simulated frames, TRUTH. The file appears under its name by
+/// commit() and not before. All errors are Failure naming the file. It keeps 28 bytes per frame in
+/// memory.
 class RecordingWriter {
  public:
-  /// format: counts must be ADU (scale 1, zero 0), others are refused. program: name and version,
+  /// format: counts must be ADU (scale 1, zero 0); others are refused. program: name and version,
   /// for the key CREATOR.
   RecordingWriter(const std::string& path, const FrameFormat& format, const Optics& optics,
                   const Detector& detector, const std::string& program);
 
-  /// The same, tile-compressed without loss (Rice): an empty primary, the cube in the first
-  /// extension. Exactly `frames` frames must be appended.
+  /// Makes a writer of a tile-compressed recording without loss (Rice): an empty primary, and the
+  /// cube in the first extension. Exactly `frames` frames must be appended. The other arguments are
+  /// those of the constructor.
   static RecordingWriter compressed(const std::string& path, const FrameFormat& format,
                                     const Optics& optics, const Detector& detector,
                                     const std::string& program, std::int64_t frames);
@@ -38,11 +39,11 @@ class RecordingWriter {
 
   std::int64_t frames() const { return static_cast<std::int64_t>(headers_.size()); }
 
-  /// What commit() shall write as table TRUTH. An empty list makes an empty table.
+  /// Says what commit() shall write as table TRUTH. An empty list makes an empty table.
   void write_truth(std::span<const TruthVortex> truth);
 
-  /// Completes the file. Failure where no frame was appended, where not all were that a compressed
-  /// file is for, or where the disk is full; then nothing is left.
+  /// Completes the file. Throws Failure, and leaves nothing behind, if no frame was appended, if a
+  /// compressed file did not get as many frames as it is for, or if the disk is full.
   void commit();
 
  private:
@@ -51,14 +52,14 @@ class RecordingWriter {
 
   FitsFile file_;
   FrameFormat format_;
-  std::int64_t compressed_frames_ = 0;  ///< 0: not compressed
+  std::int64_t compressed_frames_ = 0;  ///< 0 if not compressed
   FrameColumns headers_;
   std::vector<TruthVortex> truth_;
   bool has_truth_ = false;
 };
 
-/// The table TRUTH of a recording, in file order; nullopt where it has none: only simulated ones
-/// do.
+/// Returns the table TRUTH of a recording, in file order; nullopt if it has none. Only simulated
+/// recordings have one.
 std::optional<std::vector<TruthVortex>> read_truth(const std::string& path);
 
 }  // namespace curlew

@@ -1,4 +1,4 @@
-// The HDUs of a recording, as all its writers make them.
+// These are the HDUs of a recording, as all its writers make them.
 #pragma once
 
 #include <cstddef>
@@ -14,16 +14,16 @@ namespace curlew {
 
 enum class Compression { kNone, kRice };
 
-/// Makes the cube of `frames` frames, all zero, with its keys. Failure for counts that are not ADU
-/// (scale 1, zero 0). program: name and version, for the key CREATOR.
+/// Makes the cube of `frames` frames, all zero, with its keys. Throws Failure for counts that are
+/// not ADU (scale 1, zero 0). program: name and version, for the key CREATOR.
 void create_recording_image(FitsFile& file, const FrameFormat& format, const Optics& optics,
                             const Detector& detector, const std::string& program,
                             std::int64_t frames, Compression compression = Compression::kNone);
 
-/// Failure naming the recording unless the frame is of the format's size and type.
+/// Throws Failure, which names the recording, unless the frame is of the format's size and type.
 void require_format(const std::string& path, const FrameFormat& format, const FrameView& frame);
 
-/// Frame headers as the columns of the table FRAMES.
+/// Holds frame headers as the columns of the table FRAMES.
 struct FrameColumns {
   std::vector<std::int64_t> sequence;
   std::vector<std::int64_t> camera_ns;
@@ -35,12 +35,12 @@ struct FrameColumns {
   void clear();
 };
 
-inline constexpr std::int64_t kFrameRowBytes = 28;  ///< of a row of FRAMES
+inline constexpr std::int64_t kFrameRowBytes = 28;  ///< bytes of a row of FRAMES
 
-/// Appends the table, empty, and selects it.
+/// Appends the empty table and selects it.
 void create_frame_table(FitsFile& file);
 
-/// Writes from row `first_row` of the selected table on.
+/// Writes the rows into the selected table, from row `first_row` on.
 void write_frame_rows(FitsFile& file, std::int64_t first_row, const FrameColumns& rows);
 
 }  // namespace curlew

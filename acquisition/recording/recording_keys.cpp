@@ -10,7 +10,8 @@
 namespace curlew {
 namespace {
 
-/// A quantity that makes sense only from `least` to `most`.
+/// Reads a quantity that makes sense only from `minimum` to `maximum`. Throws Failure if it lies
+/// outside.
 void read(FitsFile& file, const std::string& name, double& into, double minimum, double maximum) {
   const auto value = file.key_double(name);
   if (!value) return;

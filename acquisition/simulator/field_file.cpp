@@ -23,7 +23,7 @@ ImageInfo select_first_image(FitsFile& file) {
   throw Failure(file.path() + " holds no image; give a FITS file with a complex field [2, ny, nx]");
 }
 
-// Samples per lenslet, or 0 where the image does not fit.
+// Returns the samples per lenslet, or 0 if the image does not fit.
 std::int64_t samples_per_lenslet(const ImageInfo& info, int rows, int cols) {
   if (info.shape.size() != 3 || info.shape[0] != 2) return 0;
   const std::int64_t n = info.shape[2] / cols;

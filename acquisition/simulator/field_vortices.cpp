@@ -13,8 +13,9 @@ using Complex = std::complex<double>;
 
 double cross(Complex a, Complex b) { return a.real() * b.imag() - a.imag() * b.real(); }
 
-// +1 or −1 where the straight way from a to b crosses the positive real axis, by its direction. The
-// products of floats are exact in double, so that the way back always takes back what this counts.
+// Returns +1 or −1, by the direction, if the straight way from a to b crosses the positive real
+// axis, and 0 otherwise. The products of floats are exact in double, so that the way back always
+// takes back what this counts.
 int crossing(Complex a, Complex b) {
   const bool from_below = a.imag() < 0.0;
   if (from_below == (b.imag() < 0.0)) return 0;
@@ -23,15 +24,16 @@ int crossing(Complex a, Complex b) {
   return side < 0.0 ? -1 : 0;
 }
 
-// Turns of the phase round (j,i) → (j+1,i) → (j+1,i+1) → (j,i+1), from +x towards +y.
+// Returns how often the phase turns round (j,i) → (j+1,i) → (j+1,i+1) → (j,i+1), from +x towards
+// +y.
 int winding(const std::array<Complex, 4>& corner) {
   int turns = 0;
   for (std::size_t c = 0; c < 4; ++c) turns += crossing(corner[c], corner[(c + 1) % 4]);
   return turns;
 }
 
-// Where a + b·s + c·t + d·s·t is 0 within the plaquette, (s, t) in [0, 1]²; its middle where
-// rounding hides the zero. Eliminating t leaves a quadratic in s.
+// Returns the place (s, t) in [0, 1]² where a + b·s + c·t + d·s·t is 0 within the plaquette, or its
+// middle if rounding hides the zero. Eliminating t leaves a quadratic in s.
 std::pair<double, double> find_bilinear_zero(const std::array<Complex, 4>& corner) {
   const Complex a = corner[0];
   const Complex b = corner[1] - corner[0];

@@ -16,9 +16,10 @@ double sinc(double x) {
 
 }  // namespace
 
-// B with pixel = B·intensity along one axis. The intensity I(u) = Σ_d R_d exp(−2πi u d/n) has lags
-// |d| < n only, and R_d follows from its samples at u = k/2, k = 0 … 2n−1. A pixel of width h
-// round u_j multiplies lag d by h·sinc(h d/n). The scale makes all pixels together the power.
+// Returns B with pixel = B·intensity along one axis. The intensity I(u) = Σ_d R_d exp(−2πi u d/n)
+// has lags |d| < n only, and R_d follows from its samples at u = k/2, k = 0 … 2n−1. A pixel of
+// width h round u_j multiplies lag d by h·sinc(h d/n). The scale makes all pixels together the
+// power.
 Eigen::MatrixXd integrate_pixels(int samples, double pixels_per_lambda_w, int patch_px) {
   const double n = samples;
   const double width = 1.0 / pixels_per_lambda_w;  // λ/w

@@ -1,4 +1,4 @@
-// LensletOptics: the field over one lenslet becomes its far field on the detector's pixels.
+// LensletOptics turns the field over one lenslet into its far field on the detector's pixels.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,11 +9,12 @@
 
 namespace curlew {
 
-/// B with pixels = B·I·Bᵀ, [patch_px, 2·samples]: the far-field intensity I at every ½ λ/w of a
-/// lenslet of samples × samples points, integrated over the pixels of a centred patch.
+/// Returns B, [patch_px, 2·samples], with pixels = B·I·Bᵀ: I is the far-field intensity at every ½
+/// λ/w of a lenslet of samples × samples points, and B integrates it over the pixels of a centred
+/// patch.
 Eigen::MatrixXd integrate_pixels(int samples, double pixels_per_lambda_w, int patch_px);
 
-/// The far field of one square lenslet, integrated over square pixels.
+/// Computes the far field of one square lenslet, integrated over square pixels.
 ///
 /// The field is given as samples × samples points, point i at (i + ½)/samples of the lenslet. An
 /// FFT padded to twice that samples the intensity at every ½ λ/w, which is all there is to know:
@@ -23,13 +24,13 @@ Eigen::MatrixXd integrate_pixels(int samples, double pixels_per_lambda_w, int pa
 /// point samples make the far field periodic, with a period of `samples` λ/w: the first side lobes
 /// of the spot are too bright by (πu/samples)²/3 at u λ/w from its centre (.7 % at 1.5 λ/w, 32).
 ///
-/// Far field: E(u) = ∫ field(x)·exp(−2πi u·x) dx, so a phase slope of s rad per pitch moves
+/// The far field is E(u) = ∫ field(x)·exp(−2πi u·x) dx, so a phase slope of s rad per pitch moves
 /// the spot by +s/2π λ/w.
 class LensletOptics {
  public:
-  /// samples: field points per lenslet side; pixels_per_lambda_w: pixels per λ/w in the focus;
-  /// patch_px: pixels per side of the patch that is computed, centred on the optical axis. The
-  /// patch must not be wider than the far field's period: throws UsageError.
+  /// samples: field points per lenslet side. pixels_per_lambda_w: pixels per λ/w in the focus.
+  /// patch_px: pixels per side of the patch that is computed, centred on the optical axis. Throws
+  /// UsageError if the patch is wider than the far field's period.
   LensletOptics(int samples, double pixels_per_lambda_w, int patch_px);
 
   int samples() const { return samples_; }

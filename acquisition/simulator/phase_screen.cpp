@@ -12,16 +12,17 @@ namespace {
 using Complex = std::complex<double>;
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
-constexpr std::uint64_t kScreenSeed = 0x7572624c65636e65U;  // keeps screens apart from noise
-constexpr int kSteep = 8;               // frequencies whose cells the spectrum is steep over
-constexpr int kLinesPerPair = 1 << 14;  // random streams, a spectrum line each
+constexpr std::uint64_t kScreenSeed = 0x7572624c65636e65U;  // It keeps screens apart from noise.
+constexpr int kSteep = 8;               // frequencies over whose cells the spectrum is steep
+constexpr int kLinesPerPair = 1 << 14;  // random streams, one for each line of the spectrum
 
-// 0, −1, 1, −2, 2 …: so that finer grids only append.
+// Returns 0, −1, 1, −2, 2 … for q = 0, 1, 2 …, so that finer grids only append frequencies.
 int zigzag(int q) { return q % 2 == 0 ? q / 2 : -(q + 1) / 2; }
 
-// The variance one frequency stands for, rad²: what its cell of frequencies has of f² times the
-// spectrum, over its own f², so that the slopes it makes have the right variance. The spectrum is
-// too steep near 0 for the value at the middle: the structure function would be 4 to 13 % low.
+// Returns the variance, rad², that one frequency stands for: what its cell of frequencies has of f²
+// times the spectrum, over its own f², so that the slopes it makes have the right variance. The
+// spectrum is too steep near 0 to take its value at the middle: the structure function would be 4
+// to 13 % low.
 double cell_power(const VonKarman& spectrum, double fx, double fy, double width) {
   constexpr int kPoints = 16;
   double sum = 0.0;
@@ -35,7 +36,8 @@ double cell_power(const VonKarman& spectrum, double fx, double fy, double width)
   return sum / (kPoints * kPoints) / (fx * fx + fy * fy) * width * width;
 }
 
-// exp(−2πi k·shift/width) for k = 0 … n−1, those from n/2 on negative.
+// Returns exp(−2πi k·shift/width) for k = 0 … n−1, where those from n/2 on are negative
+// frequencies.
 std::vector<std::complex<float>> shift_factors(int n, double shift_of_width) {
   std::vector<std::complex<float>> factors(static_cast<std::size_t>(n));
   for (int k = 0; k < n; ++k) {
@@ -76,7 +78,7 @@ PhaseScreens::PhaseScreens(int n, double spacing, const VonKarman& spectrum, boo
           static_cast<float>(std::sqrt(cell_power(spectrum, step * j, step * i, step)));
     }
   }
-  // Down to well below 1/L0, where the spectrum is flat.
+  // The levels go down to well below 1/L0, where the spectrum is flat.
   double width = step;
   do {
     width /= 3.0;
@@ -112,8 +114,8 @@ void PhaseScreens::draw(std::int64_t realisation, int pair, const ScreenShift& f
   const std::uint64_t stream =
       (static_cast<std::uint64_t>(realisation) * kPairs + static_cast<std::uint64_t>(pair)) *
       kLinesPerPair;
-  // [x, y], because the transform transposes. The highest frequency, n/2, has no opposite one and
-  // is left out.
+  // The spectrum is [x, y], because the transform transposes. The highest frequency, n/2, has no
+  // opposite one and is left out.
   screens.fill({});
   for (int p = 0; p < n_ - 1; ++p) {
     const int fx = zigzag(p);
@@ -137,8 +139,8 @@ void PhaseScreens::draw(std::int64_t realisation, int pair, const ScreenShift& f
   }
 }
 
-// Of c(f), the spectrum of the first screen is ½[c(f) + c*(−f)] and i times the second's
-// ½[c(f) − c*(−f)].
+// If c(f) is the spectrum of both screens, that of the first is ½[c(f) + c*(−f)], and i times that
+// of the second is ½[c(f) − c*(−f)].
 void PhaseScreens::drift(const ScreenShift& first, const ScreenShift& second,
                          Image<std::complex<float>>& spectrum) const {
   const double width = n_ * spacing_;
@@ -149,7 +151,7 @@ void PhaseScreens::drift(const ScreenShift& first, const ScreenShift& second,
   for (int p = 0; p <= n_ / 2; ++p) {
     const int opposite_p = (n_ - p) % n_;
     for (int q = 0; q < n_; ++q) {
-      if (p == opposite_p && q > n_ / 2) break;  // done from the other side
+      if (p == opposite_p && q > n_ / 2) break;  // The other side has done the rest.
       const int opposite_q = (n_ - q) % n_;
       const auto at_p = static_cast<std::size_t>(p);
       const auto at_q = static_cast<std::size_t>(q);
@@ -163,7 +165,8 @@ void PhaseScreens::drift(const ScreenShift& first, const ScreenShift& second,
   }
 }
 
-// Re Σ c exp(2πi(fx·x + fy·y)) is, a level, three products of a function of y with one of x.
+// At each level, Re Σ c exp(2πi(fx·x + fy·y)) is the sum of three products of a function of y with
+// one of x.
 void PhaseScreens::add_subharmonics(RandomStream& random, const ScreenShift& shift, bool imaginary,
                                     Image<std::complex<float>>& screens) {
   along_x_.setZero();

@@ -14,7 +14,7 @@ using ConstLine = Eigen::Map<const Eigen::ArrayXcf>;
 
 constexpr double kPi = std::numbers::pi;
 
-// exp(−iπ λz f²) of the frequencies of a line, with λz in units of λL.
+// Returns exp(−iπ λz f²) for the frequencies of a line, with λz in units of λL.
 Eigen::ArrayXcf free_space(const PropagationGrid& grid, double z) {
   const int n = grid.points;
   Eigen::ArrayXcf factors(n);
@@ -30,7 +30,7 @@ VonKarman screen_spectrum(const TurbulentPath& path) {
           path.inner_scale};
 }
 
-// The mean over |x| ≤ half of exp(−2x²/radius²).
+// Returns the mean over |x| ≤ half of exp(−2x²/radius²).
 double mean_of_gaussian(double half, double radius) {
   const double edge = std::numbers::sqrt2 * half / radius;
   return 0.5 * std::sqrt(kPi) * std::erf(edge) / edge;
@@ -49,7 +49,7 @@ Propagation::Propagation(const TurbulentPath& path, int rows, int cols, int min_
       field_(grid_.points, grid_.points),
       pair_(grid_.points, grid_.points) {
   const auto n = static_cast<float>(grid_.points);
-  // A forward and an inverse transform together multiply by n², n an axis.
+  // A forward and an inverse transform together multiply by n², which is n per axis.
   step_ = free_space(grid_, 1.0 / path.screens) / n;
   if (path.waist > 0.0) set_start();
   out_x_ = make_out_axis(cols);
@@ -61,7 +61,7 @@ Propagation::Propagation(const TurbulentPath& path, int rows, int cols, int min_
   out_by_frequency_ = Image<std::complex<float>>(grid_.points, out_y_.points);
 }
 
-// A Gaussian beam after half a slab of air, and the guard round it.
+// Makes a Gaussian beam after half a slab of air, and the guard round it.
 void Propagation::set_start() {
   const int n = grid_.points;
   start_ = Image<std::complex<float>>(n, n);
@@ -75,7 +75,7 @@ void Propagation::set_start() {
   const Complex on_axis = 1.0 / (curved * std::sqrt(power));
   for (int i = 0; i < n; ++i) {
     const double y = (i + 0.5 - 0.5 * n) * grid_.spacing;
-    // Takes 1 % at .35 of the grid's width from the middle, 98 % at its edge.
+    // The guard takes 1 % at .35 of the grid's width from the middle, and 98 % at its edge.
     guard_(i) =
         static_cast<float>(std::exp(-std::pow(std::abs(y) / (0.46 * n * grid_.spacing), 16)));
     for (int j = 0; j < n; ++j) {
@@ -135,7 +135,7 @@ void Propagation::pass_screen(bool second) {
   Eigen::ArrayXcf factor(n);
   for (int i = 0; i < n; ++i) {
     phase = Part(reinterpret_cast<const float*>(&pair_(i, 0)) + (second ? 1 : 0), n);
-    cosine = phase.cos();  // in lines of their own, so that Eigen takes its vector functions
+    cosine = phase.cos();  // Lines of their own let Eigen take its vector functions.
     sine = phase.sin();
     factor.real() = cosine;
     factor.imag() = sine;
@@ -144,7 +144,7 @@ void Propagation::pass_screen(bool second) {
   }
 }
 
-// Free space from screen to screen.
+// Takes the field through free space from screen to screen.
 void Propagation::step() {
   const int n = grid_.points;
   fft_.forward(field_);
@@ -152,8 +152,8 @@ void Propagation::step() {
   fft_.inverse(field_);
 }
 
-// The last half slab, and interpolation by a longer inverse transform of which only the lines and
-// points at the array are made.
+// Takes the field through the last half slab and interpolates it, by a longer inverse transform of
+// which only the lines and points at the array are made.
 void Propagation::deliver(SampledField& field) {
   const int n = grid_.points;
   field.samples_per_lenslet = field_samples();

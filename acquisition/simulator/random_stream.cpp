@@ -8,7 +8,7 @@
 namespace curlew {
 namespace {
 
-// SplitMix64's step: also a good mixer of seed and stream number.
+// Makes a step of SplitMix64, which is also a good mixer of seed and stream number.
 std::uint64_t split_mix(std::uint64_t& state) {
   state += 0x9e3779b97f4a7c15U;
   std::uint64_t z = state;
@@ -19,7 +19,7 @@ std::uint64_t split_mix(std::uint64_t& state) {
 
 double bell(double x) { return std::exp(-0.5 * x * x); }
 
-// The layers of the ziggurat: layer i reaches from 0 to x[i], its top is bell(x[i + 1]).
+// Holds the layers of the ziggurat: layer i reaches from 0 to x[i], and its top is bell(x[i + 1]).
 struct Ziggurat {
   static constexpr std::size_t kLayers = 256;
   static constexpr double kTail = 3.6541528853610088;  // where 256 layers of equal area end
@@ -43,7 +43,8 @@ struct Ziggurat {
 
 const Ziggurat kZiggurat;
 
-// 1/k, because a division a step is most of the inversion's cost.
+// The reciprocals 1/k are made beforehand, because a division per step would be most of the
+// inversion's cost.
 constexpr std::size_t kReciprocals = 128;
 constexpr std::array<double, kReciprocals> make_reciprocals() {
   std::array<double, kReciprocals> r{};
@@ -52,7 +53,8 @@ constexpr std::array<double, kReciprocals> make_reciprocals() {
 }
 constexpr std::array<double, kReciprocals> kReciprocal = make_reciprocals();
 
-// ln k!: a product for small k, then Stirling's series, whose next term is under 1e-9 there.
+// Returns ln k!, by a product for small k, else by Stirling's series, whose next term is under 1e-9
+// there.
 double log_factorial(double k) {
   if (k < 12.0) {
     double product = 1.0;
@@ -91,11 +93,11 @@ double RandomStream::uniform() noexcept {
 double RandomStream::gaussian() noexcept {
   while (true) {
     const std::uint64_t random = bits();
-    const auto layer = static_cast<std::size_t>(random & 255U);  // bits the sign does not use
+    const auto layer = static_cast<std::size_t>(random & 255U);  // These bits are not used by u.
     const double u = (static_cast<double>(random >> 11U) + 0.5) * 0x1p-52 - 1.0;
     const double x = u * kZiggurat.x[layer];
     if (std::abs(x) < kZiggurat.x[layer + 1]) return x;
-    if (layer == 0) {  // Marsaglia's tail
+    if (layer == 0) {  // This is Marsaglia's tail.
       double beyond = 0.0;
       double test = 0.0;
       do {

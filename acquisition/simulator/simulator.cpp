@@ -17,10 +17,10 @@ namespace {
 
 constexpr double kPixelM = 10e-6;
 constexpr double kWavelengthM = 633e-9;
-constexpr double kNoiseFreePeak = 0.75;  // of the range from bias to saturation
+constexpr double kNoiseFreePeak = 0.75;  // part of the range from bias to saturation
 constexpr std::int64_t kFramePeriodNs = 1'000'000;
 
-// Pixels the far field reaches beyond the window, on each side: all of its period.
+// Returns how many pixels the far field reaches beyond the window on each side: all of its period.
 int stray_margin_px(const SimulatorOptions& o) {
   if (o.stray_light == StrayLight::kCropped) return 0;
   const double period_px = o.field_samples * o.samples_per_lambda_w * (1.0 + 1e-9);
@@ -54,8 +54,8 @@ Detector make_detector(const SimulatorOptions& o) {
   return detector;
 }
 
-// Files come in all units: the mean of |field|² over the lit lenslets becomes 1, so that photons
-// mean what they say.
+// Scales the field so that the mean of |field|² over the lit lenslets is 1. Files come in all
+// units, and photons must mean what they say.
 void normalise_power(const SimulatorOptions& o, SampledField& field) {
   const Image<std::uint8_t> lit = find_lit_lenslets(o);
   const int n = field.samples_per_lenslet;
@@ -76,8 +76,8 @@ void normalise_power(const SimulatorOptions& o, SampledField& field) {
   for (auto& value : field.values) value *= scale;
 }
 
-// Checks what the user asked for and reads the field file. It or the turbulence's grid decides how
-// finely lenslets are sampled.
+// Checks what the user asked for and reads the field file. That file, or the turbulence's grid,
+// decides how finely lenslets are sampled.
 SampledField resolve(SimulatorOptions& o) {
   check_simulator_options(o);
   if (o.turbulence) {

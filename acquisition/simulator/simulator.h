@@ -1,4 +1,4 @@
-// Simulator: frames of a Shack–Hartmann sensor from physical optics, with their truth.
+// A Simulator makes frames of a Shack–Hartmann sensor from physical optics, with their truth.
 #pragma once
 
 #include <complex>
@@ -18,16 +18,16 @@
 
 namespace curlew {
 
-/// Physical optics from the field at the lenslets to counts.
+/// Computes physical optics from the field at the lenslets to counts.
 ///
 /// Each lit lenslet's field goes to its far field (LensletOptics), which falls on the detector
-/// round its own axis; light of different lenslets adds in intensity, never in amplitude. Then
-/// photons, background, read noise, gain, bias, rounding and saturation. Spot of a plane wave:
-/// pixel ((window_px−1)/2 + col·window_px, (window_px−1)/2 + row·window_px); a slope of s rad per
-/// pitch moves it by s·samples_per_lambda_w/2π pixels.
+/// round its own axis; light of different lenslets adds in intensity, never in amplitude. Then come
+/// photons, background, read noise, gain, bias, rounding and saturation. The spot of a plane wave
+/// lies at pixel ((window_px−1)/2 + col·window_px, (window_px−1)/2 + row·window_px); a slope of s
+/// rad per pitch moves it by s·samples_per_lambda_w/2π pixels.
 ///
 /// The mean image is computed once unless vortices move or there is turbulence. Frames carry
-/// camera_ns as of a camera of 1 kHz, and received_ns 0, so that a recording is the same bytes
+/// camera_ns as of a camera of 1 kHz, and received_ns 0, so that a recording has the same bytes
 /// whenever it is made.
 ///
 /// The values of a field file are scaled to a mean |field|² of 1 over the lit lenslets.
@@ -41,28 +41,30 @@ class Simulator final : public FrameSource {
   std::int64_t frame_count() const override { return options_.frames < 0 ? -1 : options_.frames; }
   Delivery next(FrameBuffer& into) override;
 
-  /// Frame `frame` (from 0), whichever were asked for before.
+  /// Makes frame `frame` (from 0), whichever frames were asked for before.
   void render(std::int64_t frame, FrameBuffer& into);
 
   const Optics& optics() const { return optics_; }
   const Detector& detector() const { return detector_; }
-  /// Where the plane wave's spots lie.
+  /// Returns where the plane wave's spots lie.
   LensletGrid grid() const;
-  /// 1 where a lenslet is in the pupil, else 0; [rows, cols].
+  /// Returns 1 where a lenslet is in the pupil, else 0; [rows, cols].
   const Image<std::uint8_t>& lit() const { return lit_; }
 
-  /// The vortices of a frame on the array (within half a pitch of a lenslet's centre). The
-  /// separation is to the nearest opposite one, on the array or off it (behind turbulence: up to
-  /// 4 pitches off, where the grid goes that far); infinite if there is none.
+  /// Returns the vortices of a frame on the array (within half a pitch of a lenslet's centre). The
+  /// separation is to the nearest opposite one, on the array or off it (behind turbulence: up to 4
+  /// pitches off, if the grid goes that far); infinite if there is none.
   std::vector<TruthVortex> truth(std::int64_t frame);
 
-  /// All vortices of a frame, those off the array too, as far as they are known.
+  /// Returns all vortices of a frame, those off the array too, as far as they are known.
   std::vector<SceneVortex> vortices(std::int64_t frame);
 
-  /// The complex field over the array in a frame, before the pupil; values [rows·n, cols·n].
+  /// Returns the complex field over the array in a frame, before the pupil; its values are [rows·n,
+  /// cols·n].
   SampledField field(std::int64_t frame);
 
-  /// Mean electrons per pixel, background included, in that frame; [rows, cols] of pixels.
+  /// Returns the mean electrons per pixel, background included, in that frame; [rows, cols] of
+  /// pixels.
   const Image<float>& expected_image_e(std::int64_t frame = 0);
 
  private:
@@ -80,10 +82,10 @@ class Simulator final : public FrameSource {
   Image<std::uint8_t> lit_;
   std::optional<Propagation> propagation_;
   Beam beam_;
-  std::int64_t beam_frame_ = -1;  ///< which frame's turbulence the beam has come through
+  std::int64_t beam_frame_ = -1;  ///< the frame whose turbulence the beam has come through
   LensletOptics lenslet_optics_;
-  double
-      electrons_;  ///< per lenslet of unit amplitude; 0: until an image says what fills the range
+  /// Electrons per lenslet of unit amplitude; 0 until an image says how many fill the range.
+  double electrons_;
   Image<std::complex<double>> lenslet_field_;
   Image<double> patch_;
   Image<float> expected_e_;

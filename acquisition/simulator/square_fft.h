@@ -1,4 +1,4 @@
-// SquareFft: Fourier transforms of square complex images, in float.
+// A SquareFft makes Fourier transforms of square complex images, in float.
 #pragma once
 
 #include <complex>
@@ -8,7 +8,7 @@
 
 namespace curlew {
 
-/// b(j, i) = a(i, j): b is made [a.cols(), a.rows()] unless it is already.
+/// Makes b(j, i) = a(i, j); b becomes [a.cols(), a.rows()] unless it is already.
 void transpose(const Image<std::complex<float>>& a, Image<std::complex<float>>& b);
 
 /// Transforms [n, n] images. Both directions also transpose, which saves half the passes over
@@ -19,7 +19,7 @@ class SquareFft {
 
   /// a(y, x) becomes Σ a(y, x) exp(−2πi (x·p + y·q)/n) at (p, q).
   void forward(Image<std::complex<float>>& a) { transform(a, false); }
-  /// a(p, q) becomes Σ a(p, q) exp(+2πi (x·p + y·q)/n) at (y, x). Not scaled.
+  /// a(p, q) becomes Σ a(p, q) exp(+2πi (x·p + y·q)/n) at (y, x). It is not scaled.
   void inverse(Image<std::complex<float>>& a) { transform(a, true); }
 
  private:

@@ -12,7 +12,7 @@
 namespace curlew {
 namespace {
 
-constexpr double kSpacing = 0.008;   // √(λL): a third of it resolves l0 = .02 √(λL)
+constexpr double kSpacing = 0.008;   // √(λL): l0 = .02 √(λL) is 2.5 points long
 constexpr double kPlaneWidth = 4.0;  // √(λL)
 constexpr double kBeamWidth = 6.0;   // 1/e² radii where the beam arrives
 constexpr int kMargin = 4;           // lenslets
@@ -46,7 +46,7 @@ void check_path(const TurbulentPath& p) {
           "grid points per lenslet must number from 1 to 256, or be 0 to be chosen");
 }
 
-// 2^m or 3·2^m, which transform fast.
+// Returns the next 2^m or 3·2^m, which transform fast.
 int round_up_to_fast(double minimum) {
   for (int power = 16;; power *= 2) {
     if (power * kRounding >= minimum) return power;
@@ -55,7 +55,7 @@ int round_up_to_fast(double minimum) {
   }
 }
 
-// 1/e² radius where the beam arrives, √(λL).
+// Returns the 1/e² radius where the beam arrives, √(λL).
 double arriving_radius(double waist) {
   return waist * std::hypot(1.0, 1.0 / (std::numbers::pi * waist * waist));
 }
@@ -83,7 +83,7 @@ TurbulentPath chen2007_path() {
   return path;
 }
 
-// With λ = 1/L in these units, k² Cn² L = (2π)^(5/6)/1.23 · variance.
+// In these units λ is 1/L, so k² Cn² L = (2π)^(5/6)/1.23 · variance.
 double fried_parameter(const TurbulentPath& path) {
   const double k2_cn2_l = std::pow(2.0 * std::numbers::pi, 5.0 / 6.0) / 1.23 * path.rytov_variance;
   return std::pow(0.423 * k2_cn2_l, -3.0 / 5.0);
@@ -131,8 +131,8 @@ PropagationGrid choose_grid(const TurbulentPath& path, int rows, int cols, int m
   }
   grid.margin = std::min(kMargin, (grid.points - array) / (2 * grid.samples_per_lenslet));
 
-  // Field, screens, scratch, spectrum, and where a beam starts; then the delivered field and the
-  // two halves of its making.
+  // Memory is taken by the field, the screens, scratch, the spectrum, and the start of a beam; then
+  // by the delivered field and the two halves of its making.
   const auto n = static_cast<std::size_t>(grid.points);
   const int lenslets = std::max(rows, cols) + 2 * grid.margin;
   const auto fine = static_cast<std::size_t>(lenslets) *

@@ -24,7 +24,7 @@ Zernike::Zernike(int noll) {
     place -= radial_order_ + 1;
     ++radial_order_;
   }
-  // Within order n the values of m grow in steps of 2 and those above 0 come twice.
+  // Within order n the values of m grow in steps of 2, and those above 0 come twice.
   azimuthal_order_ = radial_order_ % 2 == 0 ? 2 * ((place + 1) / 2) : 2 * (place / 2) + 1;
   sine_ = azimuthal_order_ != 0 && noll % 2 == 1;
 

@@ -82,7 +82,7 @@ class UsbFrameAssembler {
   bool account(bool whole) noexcept;
   void deliver() noexcept;
 
-  // The layout.
+  // The following is the layout.
   std::size_t header_bytes_;
   std::size_t pixel_bytes_;
   std::size_t frame_bytes_;
@@ -93,7 +93,7 @@ class UsbFrameAssembler {
   Empty empty_;
   Deliver deliver_;
 
-  // The stream.
+  // The following is the state of the stream.
   State state_;
   bool full_ = false;         ///< in kBetween: the last frame is full, its end not yet confirmed
   std::size_t matched_ = 0;   ///< bytes of sync_ seen
@@ -108,7 +108,7 @@ class UsbFrameAssembler {
   Arrival arrival_;                ///< arrival of the bytes being fed
   Arrival full_at_;                ///< arrival of the last byte of the full frame
 
-  // The numbering.
+  // The following is the state of the numbering.
   bool started_ = false;        ///< the first whole frame has come
   bool renumbered_ = false;     ///< the next frame delivered says that numbers began anew
   std::int64_t sequence_ = 0;   ///< sequence of the last frame accounted for
