@@ -43,7 +43,8 @@ TEST(VortexFinder, OneVortexOnANode) {
     const VortexList found = vortices_of(slopes);
     ASSERT_EQ(found.size(), 1U);
     EXPECT_EQ(found[0].charge, positive ? 1 : -1);
-    EXPECT_NEAR(found[0].x, 5.5F, 1e-5F);  // by symmetry; float rounding of slopes
+    // The place follows by symmetry, except for the float rounding of slopes.
+    EXPECT_NEAR(found[0].x, 5.5F, 1e-5F);
     EXPECT_NEAR(found[0].y, 9.5F, 1e-5F);
     EXPECT_NEAR(static_cast<double>(found[0].circulation), (positive ? 1 : -1) * 4.527887014709684,
                 1e-6);
@@ -81,7 +82,8 @@ TEST(VortexFinder, EveryEighthOfACellGivesExactlyOne) {
   std::cout << "position error over eighths of a cell: rms " << rms << " w, worst " << worst
             << " w\n";
   RecordProperty("position_rms", std::to_string(rms));
-  EXPECT_LT(rms, 0.03);  // the centroid's bias on the uniform-average kernel is .023 rms
+  // The centroid's bias on the uniform-average kernel is .023 rms.
+  EXPECT_LT(rms, 0.03);
   EXPECT_LT(worst, 0.06);
 }
 
@@ -112,7 +114,8 @@ TEST(VortexFinder, NoisyPositionsStayCloseAndInTheCell) {
         std::pow(static_cast<double>(best.x) - x, 2) + std::pow(static_cast<double>(best.y) - y, 2);
     EXPECT_NEAR(best.significance, std::abs(best.circulation) / std::sqrt(0.02F), 1e-3F);
   }
-  // .06 w rms found by trial over thousands; it is noise over 4.5 rad spread over nine cells
+  // Trials over thousands of fields give .06 w rms. It comes from noise over 4.5 rad spread over
+  // nine cells.
   EXPECT_LT(std::sqrt(squares / kTrials), 0.08);
 }
 
@@ -145,7 +148,8 @@ TEST(VortexFinder, AQuarterTurnTurnsTheVortices) {
   SlopeField slopes = flat_field(kSize, kSize);
   add_vortex(slopes, 3.8, 5.3, {0.5, 2.0});
   add_vortex(slopes, 8.6, 9.2, kNegative);
-  SlopeField turned = flat_field(kSize, kSize);  // (x, y) → (12 − y, x)
+  // The turn takes (x, y) to (12 − y, x).
+  SlopeField turned = flat_field(kSize, kSize);
   for (int r = 0; r < kSize; ++r) {
     for (int c = 0; c < kSize; ++c) {
       turned.x(c, kSize - 1 - r) = -slopes.y(r, c);
@@ -189,7 +193,8 @@ TEST(VortexFinder, DipolesOfAPitchAndMoreAreTwoVortices) {
     ASSERT_EQ(found.size(), 2U);
     EXPECT_EQ(found[0].charge, 1);
     EXPECT_EQ(found[1].charge, -1);
-    // each partner cancels some of the other's circulation between them: they seem further apart
+    // Each vortex cancels some of the other's circulation between them, so that they seem further
+    // apart.
     EXPECT_NEAR(found[0].x, 6.5, 0.15);
     EXPECT_NEAR(found[1].x, 6.5 + s, 0.15);
     EXPECT_NEAR(found[0].y, 7.5F, 1e-5F);
@@ -202,7 +207,8 @@ TEST(VortexFinder, NoNoiseAndNoVortexGivesNothing) {
   SCOPED_TRACE("seed " + std::to_string(kSeed));
   std::mt19937 random(kSeed);
   std::normal_distribution<float> rounding(0.0F, 1e-6F);
-  SlopeField slopes = flat_field(16, 16);  // says that it has no noise, and has rounding
+  // The field says that it has no noise, but it has rounding.
+  SlopeField slopes = flat_field(16, 16);
   for (std::size_t k = 0; k < slopes.x.size(); ++k) {
     slopes.x[k] = 0.3F + rounding(random);
     slopes.y[k] = -0.2F + rounding(random);
@@ -251,7 +257,8 @@ TEST(VortexFinder, PlateausAndTiesGiveOne) {
   find_circulation_vortices(plan, map, vortices);
   EXPECT_EQ(vortices.size(), 1U);
 
-  map.value.fill(0.0F);  // a vortex on a lenslet's centre: four equal cells
+  // A vortex on a lenslet's centre makes four equal cells.
+  map.value.fill(0.0F);
   for (const auto& [r, c] : {std::pair{3, 3}, {3, 4}, {4, 3}, {4, 4}}) map.value(r, c) = -1.5F;
   find_circulation_vortices(plan, map, vortices);
   ASSERT_EQ(vortices.size(), 1U);
@@ -268,12 +275,12 @@ TEST(VortexFinder, AnInsignificantNeighbourDoesNotSuppress) {
   map.variance.fill(0.01F);
   map.value(4, 4) = 2.0F;
   map.value(4, 5) = 3.0F;
-  map.variance(4, 5) = 25.0F;  // a lenslet nearly dark
+  map.variance(4, 5) = 25.0F;  // as of a lenslet that is nearly dark
   VortexList vortices(64);
   find_circulation_vortices(plan, map, vortices);
   ASSERT_EQ(vortices.size(), 1U);
   EXPECT_EQ(vortices[0].circulation, 2.0F);
-  EXPECT_NEAR(vortices[0].x, 4.5F, 1e-6F);  // nor does it draw the position
+  EXPECT_NEAR(vortices[0].x, 4.5F, 1e-6F);  // The position is not pulled either.
 }
 
 TEST(VortexFinder, LobesAreNotVorticesAndWeakPartnersAre) {
@@ -294,10 +301,10 @@ TEST(VortexFinder, LobesAreNotVorticesAndWeakPartnersAre) {
 TEST(VortexFinder, ThresholdFollowsTheFrame) {
   const CirculationPlan plan({}, Image<std::uint8_t>(16, 16, 1), 64);
   EXPECT_EQ(plan.n_cells(), 225);
-  // 15×15 cells: 2·15·14 orthogonal and 2·14·14 diagonal pairs, seen from both ends
+  // 15×15 cells have 2·15·14 orthogonal and 2·14·14 diagonal pairs, which are seen from both ends.
   const CellNeighbours neighbours{4.0 * 15 * 14 / 225, 4.0 * 14 * 14 / 225};
   for (const int n : {1, 2, 9, 57, 143, 224, 225}) {
-    // linear between knots 5 % apart in n
+    // The thresholds are linear between knots 5 % apart in n.
     EXPECT_NEAR(static_cast<double>(plan.threshold_sigmas(n)),
                 threshold_sigmas(0.01, n, neighbours), 1e-4);
   }
@@ -346,14 +353,14 @@ TEST(VortexFinder, FlagsAtHolesFadesAndNotches) {
     EXPECT_GE(found.size(), 1U);
     return found.empty() ? 0U : found[0].flags;
   };
-  // lenslet (5, 6) is a hole of the sensor, or fades in this frame; the vortex is a cell away
+  // Lenslet (5, 6) is a hole of the sensor, or it fades in this frame. The vortex is a cell away.
   EXPECT_EQ(flags_beside(5, 6, true, 4.5, 5.5), std::uint32_t{kVortexAtHole});
   EXPECT_EQ(flags_beside(5, 6, false, 4.5, 5.5), std::uint32_t{kVortexAtHole});
   EXPECT_EQ(flags_beside(5, 6, true, 2.5, 5.5), 0U);
-  // a missing lenslet of the rim is a notch in the pupil, a faded one is not
+  // A missing lenslet of the rim is a notch in the pupil, a faded one is not.
   EXPECT_EQ(flags_beside(0, 6, true, 6.5, 1.5), std::uint32_t{kVortexAtPupilEdge});
   EXPECT_EQ(flags_beside(0, 6, false, 6.5, 1.5), std::uint32_t{kVortexAtHole});
-  // both
+  // This vortex lies at the edge and at a hole.
   EXPECT_EQ(flags_beside(2, 6, true, 6.5, 0.5), kVortexAtPupilEdge | kVortexAtHole);
 }
 
@@ -392,7 +399,8 @@ TEST(VortexFinder, RandomFieldsAndMasks) {
                      static_cast<int>(unit(random) * cols));
     }
     CirculationOptions options;
-    options.false_alarms_per_frame = seed % 5 == 0 ? 1e9 : 0.5;  // 1e9: no threshold at all
+    // A rate of 1e9 makes no threshold at all.
+    options.false_alarms_per_frame = seed % 5 == 0 ? 1e9 : 0.5;
     const CirculationPlan plan(options, slopes.valid, 4096);
     for (int k = 0; k < rows * cols / 30; ++k) {
       remove_lenslet(slopes, static_cast<int>(unit(random) * rows),
@@ -404,7 +412,7 @@ TEST(VortexFinder, RandomFieldsAndMasks) {
     find_circulation_vortices(plan, map, found);
     const float z = plan.threshold_sigmas(map.n_valid);
     for (const Vortex& v : found) {
-      // Its own cell is the one near it with exactly its circulation.
+      // The vortex's own cell is the one near it that has exactly its circulation.
       bool own = false;
       for (int r = 0; r < map.value.rows(); ++r) {
         for (int c = 0; c < map.value.cols(); ++c) {

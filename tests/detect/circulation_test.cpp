@@ -43,7 +43,7 @@ SlopeField random_field(int rows, int cols, std::mt19937& random, double missing
   return slopes;
 }
 
-/// ∂D(cell)/∂s of every slope: [cells][x of all lenslets, then y], by unit impulses.
+/// Returns ∂D(cell)/∂s of every slope, [cells][x of all lenslets, then y], from unit impulses.
 std::vector<std::vector<double>> responses(int rows, int cols) {
   const auto lenslets = static_cast<std::size_t>(rows * cols);
   const auto cells = static_cast<std::size_t>((rows - 1) * (cols - 1));
@@ -60,7 +60,7 @@ std::vector<std::vector<double>> responses(int rows, int cols) {
 TEST(Circulation, CanonicalVortexOnANode) {
   SlopeField slopes = flat_field(16, 16);
   add_vortex(slopes, 7.5, 6.5);
-  // eight slopes and seven sums rounded to float at up to 4.5: 5e-7
+  // Eight slopes and seven sums are rounded to float at up to 4.5, which gives 5e-7.
   EXPECT_NEAR(static_cast<double>(circulation_of(slopes).value(6, 7)), 4.527887014709684, 1e-6);
 }
 
@@ -80,7 +80,7 @@ TEST(Circulation, EqualsTheKernelInEveryCell) {
 }
 
 TEST(Circulation, LinearCoreOnANodeIsThree) {
-  // ∫I∇φ/∫I with I = r² over a lenslet with the vortex on its corner: ½ / (2/3) = ¾.
+  // This is ∫I∇φ/∫I with I = r² over a lenslet that has the vortex on its corner: ½ / (2/3) = ¾.
   SlopeField slopes = flat_field(2, 2);
   for (int r = 0; r < 2; ++r) {
     for (int c = 0; c < 2; ++c) {
@@ -98,7 +98,7 @@ TEST(Circulation, Dipoles) {
     SlopeField slopes = flat_field(16, 16);
     add_vortex(slopes, 7.5, 7.5);
     add_vortex(slopes, 7.5 + kSeparation[i], 7.5, {3.14159265358979, 0.0});
-    // half the last digit that PHYSICS.md gives
+    // The tolerance is half a unit of the last digit of the expected values.
     EXPECT_NEAR(static_cast<double>(circulation_of(slopes).value(7, 7)), kD[i], 5.1e-4);
   }
 }
@@ -122,7 +122,7 @@ TEST(Circulation, OfAGradientIsZero) {
     }
   }
   const CirculationMap map = circulation_of(slopes);
-  // eight slopes of up to 4, each rounded to 1.2e-7
+  // Each of eight slopes of up to 4 is rounded to 1.2e-7.
   for (const float d : map.value) EXPECT_NEAR(d, 0.0F, 2e-6F);
 }
 
@@ -148,7 +148,7 @@ TEST(Circulation, RandomMasksAndVariancesAgainstTheFormula) {
         }
         const float d = 0.5F * (s.x(r, c) + s.x(r, c + 1) + s.y(r, c + 1) + s.y(r + 1, c + 1) -
                                 s.x(r + 1, c + 1) - s.x(r + 1, c) - s.y(r + 1, c) - s.y(r, c));
-        ASSERT_NEAR(map.value(r, c), d, 5e-6F);  // order of the float sums
+        ASSERT_NEAR(map.value(r, c), d, 5e-6F);  // allows another order of the float sums
       }
     }
     EXPECT_EQ(map.n_valid, n_valid);
@@ -171,12 +171,13 @@ TEST(Circulation, VarianceIsThatOfTheLinearForm) {
                   b * b * static_cast<double>(s.variance_y[k]) +
                   2 * a * b * static_cast<double>(s.covariance_xy[k]);
     }
-    EXPECT_NEAR(static_cast<double>(map.variance[i]), variance, 1e-5);  // float sums of a few units
+    // The tolerance is for float sums of a few units.
+    EXPECT_NEAR(static_cast<double>(map.variance[i]), variance, 1e-5);
   }
 }
 
 TEST(Circulation, WhiteNoiseCorrelations) {
-  // Exactly, from the responses: covariance = J·Jᵀ for unit slope noise.
+  // The responses give it exactly: the covariance is J·Jᵀ for unit slope noise.
   constexpr int kSize = 6;
   const auto j = responses(kSize, kSize);
   const auto covariance = [&](int r0, int c0, int r1, int c1) {
@@ -186,10 +187,10 @@ TEST(Circulation, WhiteNoiseCorrelations) {
     for (std::size_t k = 0; k < a.size(); ++k) sum += a[k] * b[k];
     return sum;
   };
-  EXPECT_DOUBLE_EQ(covariance(2, 2, 2, 2), 2.0);  // σ_D = √2 σ
+  EXPECT_DOUBLE_EQ(covariance(2, 2, 2, 2), 2.0);  // σ_D is √2 σ
   EXPECT_DOUBLE_EQ(covariance(2, 2, 2, 3), 0.0);
   EXPECT_DOUBLE_EQ(covariance(2, 2, 3, 2), 0.0);
-  EXPECT_DOUBLE_EQ(covariance(2, 2, 3, 3), -0.5);  // −¼ of 2
+  EXPECT_DOUBLE_EQ(covariance(2, 2, 3, 3), -0.5);  // is −¼ of 2
   EXPECT_DOUBLE_EQ(covariance(2, 2, 3, 1), -0.5);
   EXPECT_DOUBLE_EQ(covariance(2, 2, 2, 4), 0.0);
   const auto block_variance = [&](int n) {
@@ -201,8 +202,8 @@ TEST(Circulation, WhiteNoiseCorrelations) {
     }
     return sum;
   };
-  EXPECT_DOUBLE_EQ(block_variance(3), 10.0);  // σ = √10 σ
-  EXPECT_DOUBLE_EQ(block_variance(2), 6.0);   // σ = √6 σ
+  EXPECT_DOUBLE_EQ(block_variance(3), 10.0);  // σ of the sum is √10 σ
+  EXPECT_DOUBLE_EQ(block_variance(2), 6.0);   // σ of the sum is √6 σ
 }
 
 TEST(Circulation, RowByRowEqualsWhole) {

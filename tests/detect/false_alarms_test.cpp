@@ -26,13 +26,14 @@ TEST(FalseAlarms, InverseTailAgainstTables) {
 }
 
 TEST(FalseAlarms, ThresholdSolves2NQ) {
-  // Few alarms, many cells: suppression is a correction of some 4·Q.
+  // With few alarms in many cells, the neighbours' suppression is a correction of some 4·Q.
   for (const double rate : {1.0, 0.1, 0.01}) {
     const double z = threshold_sigmas(rate, 6241);
     EXPECT_NEAR(2 * 6241 * gaussian_tail(z) / rate, 1.0, 1e-3);
-    EXPECT_GE(2 * 6241 * gaussian_tail(z), rate);  // what is suppressed must be made up for
+    // What is suppressed must be made up for.
+    EXPECT_GE(2 * 6241 * gaussian_tail(z), rate);
   }
-  // The definition, for a small array too.
+  // The definition holds for a small array, too.
   for (const double n : {1.0, 9.0, 225.0}) {
     for (const double rate : {0.3, 0.01, 1e-6}) {
       const CellNeighbours neighbours{2.7, 1.8};
@@ -44,14 +45,14 @@ TEST(FalseAlarms, ThresholdSolves2NQ) {
 
 TEST(FalseAlarms, ALoneCellHasNobodyToSuppressIt) {
   for (const double z : {0.0, 1.0, 3.0, 6.0}) {
-    // what Simpson's rule gives with its 200 intervals
+    // This is the accuracy of Simpson's rule with its 200 intervals.
     EXPECT_NEAR(peak_probability(z, {0.0, 0.0}) / gaussian_tail(z), 1.0, 3e-6);
   }
 }
 
 TEST(FalseAlarms, Extremes) {
   EXPECT_TRUE(std::isinf(threshold_sigmas(0.01, 0)));
-  EXPECT_EQ(threshold_sigmas(1e6, 9), 0.0);  // more than noise can make
+  EXPECT_EQ(threshold_sigmas(1e6, 9), 0.0);  // is more than noise can make
   EXPECT_GT(threshold_sigmas(1e-12, 6241), 8.0);
   EXPECT_TRUE(std::isfinite(threshold_sigmas(1e-200, 6241)));
   EXPECT_LT(threshold_sigmas(0.1, 100), threshold_sigmas(0.1, 101));
@@ -61,14 +62,14 @@ TEST(FalseAlarms, Extremes) {
 struct Pupil {
   const char* name;
   int size;
-  double outer;  // radii in pitches
+  double outer;  // radii in pitches; inner is the hole's
   double inner;
   bool uneven;  // lenslets differ in noise, and x and y are correlated
 };
 
 class FalseAlarmRate : public ::testing::TestWithParam<Pupil> {};
 
-/// False alarms per frame in seeded white slope noise.
+/// Returns the false alarms per frame in seeded white slope noise.
 double realised_rate(const Pupil& pupil, double rate, int frames, unsigned seed) {
   const int n = pupil.size;
   SlopeField slopes = testing::flat_field(n, n);
@@ -116,8 +117,8 @@ TEST_P(FalseAlarmRate, IsTheStatedOne) {
   };
   for (const Case& c : {Case{1.0, 8000}, {0.1, 16000}, {0.01, 40000}}) {
     const double realised = realised_rate(GetParam(), c.rate, c.frames, kSeed);
-    // Poisson scatter, four standard deviations: 4.5 %, 10 %, 20 %. Over a million frames the rate
-    // is right within 1.5 %.
+    // Poisson scatter of four standard deviations is 4.5 %, 10 % and 20 %. Over a million frames
+    // the rate is right within 1.5 %.
     const double scatter = 4.0 * std::sqrt(c.rate / c.frames);
     EXPECT_NEAR(realised, c.rate, scatter);
   }

@@ -1,5 +1,5 @@
-// Where the paper (Chen, Roux & Olivier, J. Opt. Soc. Am. A 24, 1994, 2007) errs, and what a sensor
-// that weighs by intensity sees instead. What docs/paper.md says is proved here.
+// These tests prove what docs/paper.md says: where the paper (Chen, Roux & Olivier, J. Opt. Soc.
+// Am. A 24, 1994, 2007) errs, and what a sensor that weights by intensity sees instead.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -19,7 +19,7 @@ namespace {
 constexpr double kPi = std::numbers::pi;
 using Slope = std::array<double, 2>;
 
-/// The four lenslets of a cell, [row][col].
+/// Holds the slopes of the four lenslets of a cell, [row][col].
 struct Cell {
   Slope s[2][2];
 };
@@ -31,13 +31,14 @@ Cell cell_of(const std::function<Slope(double x, double y)>& slope_at, double x,
   return cell;
 }
 
-/// The circulation, as DESIGN.md mends it.
+/// Returns the circulation by Eq. 11 with its misprint mended (docs/paper.md, error 1).
 double mended(const Cell& c) {
   return 0.5 * (c.s[0][0][0] + c.s[0][1][0] + c.s[0][1][1] + c.s[1][1][1] - c.s[1][1][0] -
                 c.s[1][0][0] - c.s[1][0][1] - c.s[0][0][1]);
 }
 
-/// As the paper prints it: G_x of lenslet (m, n) twice, that of (m, n+1) never.
+/// Returns the circulation as the paper prints Eq. 11: with G_x of lenslet (m, n) twice, and never
+/// that of (m, n+1).
 double printed(const Cell& c) {
   return 0.5 * (2.0 * c.s[0][0][0] + c.s[0][1][1] + c.s[1][1][1] - c.s[1][1][0] - c.s[1][0][0] -
                 c.s[1][0][1] - c.s[0][0][1]);
@@ -51,10 +52,10 @@ Cell vortex_cell(Morphology m, double mu, double nu) {
 constexpr Morphology kFigure7{kPi / 4, kPi};
 constexpr Morphology kFigure8{4 * kPi / 9, kPi / 2};
 
-// Eq. (circ) ---------------------------------------------------------------------------------
+// The tests below are about Eq. 11.
 
 TEST(PaperErrors, PrintedCirculationSeesAVortexInADefocus) {
-  // φ = κ(x² + y²)/2: no vortex. A lenslet's mean slope is κ times its centre.
+  // φ = κ(x² + y²)/2 has no vortex, and a lenslet's mean slope is κ times its centre.
   constexpr double kCurvature = 0.8;
   for (const double x : {-3.0, 0.25, 7.0}) {
     const Cell cell = cell_of(
@@ -68,27 +69,28 @@ TEST(PaperErrors, PrintedCirculationSeesAVortexInADefocus) {
 }
 
 TEST(PaperErrors, PrintedCirculationOfARoundVortexDependsOnTheAxes) {
-  // A round vortex looks the same after a quarter turn, and so must its circulation.
+  // A round vortex looks the same after a quarter turn, and its circulation must stay the same,
+  // too.
   const Cell right = vortex_cell({}, 0.25, 0.0);
   const Cell below = vortex_cell({}, 0.0, 0.25);
   EXPECT_NEAR(mended(right), 3.740860224, 1e-9);
   EXPECT_NEAR(mended(below), mended(right), 1e-14);
   EXPECT_NEAR(printed(right), 3.231040, 1e-6);
   EXPECT_NEAR(printed(below), 3.740860224, 1e-9);
-  // Nor must it change when the vortex goes to the opposite side.
+  // The circulation must also stay the same when the vortex goes to the opposite side.
   const Cell left = vortex_cell({}, -0.25, 0.0);
   EXPECT_NEAR(mended(left), mended(right), 1e-14);
   EXPECT_NEAR(printed(left), 4.250680, 1e-6);
-  // They agree where lenslets (m, n) and (m, n+1) mirror each other: on the line μ = 0 ...
+  // The two agree where lenslets (m, n) and (m, n+1) mirror each other, which is on the line μ = 0.
   const Cell centre = vortex_cell({}, 0.0, 0.0);
   EXPECT_NEAR(printed(centre), mended(centre), 1e-14);
-  // ... but not for a slanting core (B ≠ 0), even on the node.
+  // For a slanting core (B ≠ 0) they do not agree even on the node.
   const Cell slanting = vortex_cell(kFigure8, 0.0, 0.0);
   EXPECT_NEAR(mended(slanting), 5.524402127, 1e-9);
   EXPECT_NEAR(printed(slanting), 6.784475, 1e-6);
 }
 
-// "The same circulation without averaging is 2π" ------------------------------------------------
+// The tests below are about the paper's statement that the circulation without averaging is 2π.
 
 double point_sample_circulation(Morphology m) {
   const VortexKernel kernel(m);
@@ -97,7 +99,8 @@ double point_sample_circulation(Morphology m) {
 
 TEST(PaperErrors, PointSamplesGiveFour) {
   EXPECT_DOUBLE_EQ(point_sample_circulation({}), 4.0);
-  // |∇φ| = 1/r = √2 at (±½, ±½), each component 1, half of eight of them. For any core 4C/(1 − B²).
+  // At (±½, ±½) |∇φ| = 1/r = √2, and each component is 1. The circulation is half of eight of them.
+  // For any core it is 4C/(1 − B²).
   for (const Morphology m : {kFigure7, kFigure8, Morphology{0.7, 1.0}}) {
     const double b = std::sin(m.alpha_rad) * std::sin(m.beta_rad);
     EXPECT_NEAR(point_sample_circulation(m), 4 * std::cos(m.alpha_rad) / (1 - b * b), 1e-12);
@@ -105,11 +108,11 @@ TEST(PaperErrors, PointSamplesGiveFour) {
 }
 
 TEST(PaperErrors, TwoPiIsTheLineIntegralNotItsFourPointRule) {
-  // The trapezoidal rule round the cell's contour with n intervals a side; one interval is Eq.
-  // (circ) of point samples. Its error falls as 1/n².
+  // This is the trapezoidal rule round the cell's contour with n intervals a side. With one
+  // interval it is Eq. 11 of point samples. Its error falls as 1/n².
   const VortexKernel kernel;
   const auto contour = [&](int n) {
-    double side = 0.0;  // the lowest one; the four are alike
+    double side = 0.0;  // The four sides are alike; this is the lowest.
     for (int i = 0; i <= n; ++i) {
       const double weight = i == 0 || i == n ? 0.5 : 1.0;
       side += weight * kernel.gradient(-0.5 + static_cast<double>(i) / n, -0.5)[0] / n;
@@ -123,10 +126,10 @@ TEST(PaperErrors, TwoPiIsTheLineIntegralNotItsFourPointRule) {
   EXPECT_NEAR(ratio, 4.0, 0.01);
 }
 
-// The appendix -----------------------------------------------------------------------------------
+// The tests below are about the paper's appendix, Eq. A1.
 
-/// A textbook antiderivative of the kind of the appendix: logarithms of Q itself and arctangents of
-/// quotients. `log` and `arctan` (of numerator and denominator) are left open.
+/// Returns a textbook antiderivative of the kind of the appendix: logarithms of Q itself and
+/// arctangents of quotients. `log` and `arctan` (of numerator and denominator) are left open.
 template <typename Log, typename Arctan>
 std::array<std::complex<double>, 2> textbook_corner(Morphology m, double x, double y,
                                                     const Log& log, const Arctan& arctan) {
@@ -171,7 +174,7 @@ TEST(PaperErrors, LogarithmsOfNegativeArgumentsCancel) {
   for (const Morphology m : {Morphology{0.7, 1.0}, kFigure7, kFigure8}) {
     const double d = VortexKernel(m).circulation(0.3, 0.2);
     EXPECT_NEAR(textbook_circulation(m, 0.3, 0.2, ln_of, arctan).real(), d, 1e-12);
-    // ln(−Q) = ln Q + iπ: real arithmetic has no value for it, and in D the iπ cancel.
+    // ln(−Q) = ln Q + iπ. Real arithmetic has no value for it, and in D the iπ cancel.
     EXPECT_TRUE(std::isnan(std::log(-1.0)));
     const auto minus = textbook_circulation(m, 0.3, 0.2, ln_of_minus, arctan);
     EXPECT_NEAR(minus.real(), d, 1e-12);
@@ -179,13 +182,13 @@ TEST(PaperErrors, LogarithmsOfNegativeArgumentsCancel) {
     EXPECT_NEAR(textbook_corner(m, 0.7, 0.8, ln_of_minus, arctan)[0].imag(),
                 -0.7 * kPi * std::cos(m.alpha_rad) /
                     (2 * (1 - std::sin(m.alpha_rad) * std::cos(m.beta_rad))),
-                1e-12);  // a corner alone keeps its share
+                1e-12);  // A corner alone keeps its share.
   }
 }
 
 TEST(PaperErrors, FullTurnArctangentIsWrong) {
-  // atan2 jumps by 2π where its second argument is negative and the first changes sign, between the
-  // corners of one lenslet; arctan does not.
+  // Between the corners of one lenslet, atan2 jumps by 2π where its second argument is negative and
+  // the first changes sign. arctan does not jump.
   const Morphology m{0.7, 1.0};
   const double d = VortexKernel(m).circulation(0.3, 0.2);
   EXPECT_NEAR(d, 3.079614607803, 1e-11);
@@ -201,16 +204,16 @@ TEST(PaperErrors, TextbookFormIsZeroByZeroWhereTheClosedFormIsNot) {
     EXPECT_NEAR(d, VortexKernel(m).circulation(mu + 1e-9, nu - 1e-9), 1e-7);
     EXPECT_NEAR(d, textbook_circulation(m, mu + 1e-7, nu - 1e-7, ln_of, arctan).real(), 1e-5);
   }
-  // A₋ = 0 and C = 0 at α = 90°, β = 0, where the phase is a step of π across the slow axis.
+  // A₋ = 0 and C = 0 hold at α = 90°, β = 0, where the phase is a step of π across the slow axis.
   const Morphology line{std::acos(0.0), 0.0};
   const double lost = textbook_circulation(line, 0.3, 0.2, ln_of, arctan).real();
   EXPECT_FALSE(std::abs(lost - kPi * 0.8) < 0.1) << lost;
   EXPECT_NEAR(VortexKernel(line).circulation(0.3, 0.2), kPi * 0.8, 1e-9);
 }
 
-// Figures 6 to 8 ---------------------------------------------------------------------------------
+// The tests below are about Figs. 6 to 8.
 
-/// By quadrature of ∇φ, which knows nothing of closed forms.
+/// Returns the circulation by quadrature of ∇φ, which uses no closed form.
 double quadrature_circulation(Morphology m, double mu, double nu) {
   const TestVortex vortex{
       .x = 0.5 + mu, .y = 0.5 + nu, .alpha_rad = m.alpha_rad, .beta_rad = m.beta_rad};
@@ -221,14 +224,14 @@ double quadrature_circulation(Morphology m, double mu, double nu) {
 }
 
 TEST(PaperErrors, PeaksOfFigures7And8) {
-  EXPECT_NEAR(quadrature_circulation(kFigure7, 0, 0), 4.319620, 1e-6);  // the paper: about 4.5
-  EXPECT_NEAR(quadrature_circulation(kFigure8, 0, 0), 5.524402, 1e-6);  // the paper: about 5
+  EXPECT_NEAR(quadrature_circulation(kFigure7, 0, 0), 4.319620, 1e-6);  // the paper says about 4.5
+  EXPECT_NEAR(quadrature_circulation(kFigure8, 0, 0), 5.524402, 1e-6);  // the paper says about 5
 }
 
 TEST(PaperErrors, SlowAxisOfFigure8) {
   // On ν = +μ the factor |u| grows slowest, and there D reaches farthest.
   const VortexKernel kernel(kFigure8);
-  const auto u2 = [](double x, double y) {  // |ξz + ζz̄|²
+  const auto u2 = [](double x, double y) {  // is |ξz + ζz̄|²
     const auto xi = std::polar(std::cos(2 * kPi / 9), kPi / 4);
     const auto zeta = std::polar(std::sin(2 * kPi / 9), -kPi / 4);
     const std::complex<double> z(x, y);
@@ -246,8 +249,9 @@ TEST(PaperErrors, SlowAxisOfFigure8) {
 }
 
 TEST(PaperErrors, IntensityWeightingReversesFigure6) {
-  // Averaged uniformly the peak rises with α where β = 90° and falls where β = 0; weighted it goes
-  // to 0 for every β, at β = 90° after a rise to 48/(2√63) = 3.024 at cos² α = 7/9.
+  // Averaged uniformly, the peak rises with α where β = 90° and falls where β = 0. Weighted by
+  // intensity it goes to 0 for every β; at β = 90° it first rises to 48/(2√63) = 3.024 at cos² α =
+  // 7/9.
   for (const double beta : {0.0, kPi / 4, kPi / 2, kPi}) {
     for (const double alpha : {0.0, kPi / 12, kPi / 4, kPi / 3, 4 * kPi / 9}) {
       const LinearCore core({alpha, beta});
@@ -262,7 +266,8 @@ TEST(PaperErrors, IntensityWeightingReversesFigure6) {
   EXPECT_NEAR(LinearCore().peak_circulation(), 3.0, 1e-14);
   EXPECT_NEAR(LinearCore(kFigure7).peak_circulation(), 2.12, 0.005);
   EXPECT_NEAR(LinearCore(kFigure8).peak_circulation(), 1.15, 0.005);
-  // Averaged uniformly Fig. 8's peak is above the round core's, weighted it is the least of all.
+  // Averaged uniformly, Fig. 8's peak is above the round core's. Weighted by intensity it is the
+  // least of all.
   EXPECT_GT(VortexKernel(kFigure8).peak_circulation(), VortexKernel().peak_circulation());
 }
 

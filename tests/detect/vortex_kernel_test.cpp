@@ -18,7 +18,7 @@ namespace {
 constexpr double kPi = std::numbers::pi;
 constexpr double kLn2 = std::numbers::ln2;
 
-// Half a unit of the last digit PHYSICS.md prints.
+// Each tolerance is half a unit of the last digit of the expected values.
 constexpr double kHalf3 = 0.5001e-3;
 constexpr double kHalf4 = 0.5001e-4;
 constexpr double kHalf6 = 0.5001e-6;
@@ -29,8 +29,8 @@ constexpr double kHalf12 = 0.5001e-12;
 
 using Integrand = std::function<double(double)>;
 
-/// Adaptive Gauss–Kronrod (7, 15). Knows nothing of the closed form. A piece is cut until its two
-/// rules agree; by then the finer one is right to far more digits than the tolerance says.
+/// Integrates by adaptive Gauss–Kronrod (7, 15), which uses no closed form. A piece is cut until
+/// its two rules agree. By then the finer one is right to far more digits than the tolerance says.
 double integrate(const Integrand& f, double a, double b, double tolerance, int depth = 0) {
   constexpr std::array<double, 8> x{
       0.991455371120812639206854697526329, 0.949107912342758524526189684047851,
@@ -60,8 +60,8 @@ double integrate(const Integrand& f, double a, double b, double tolerance, int d
          integrate(f, middle, b, tolerance, depth + 1);
 }
 
-/// ∇φ straight from φ = Im ln u, u = ξz + ζz̄: Im(∇u/u). In long double, because u nearly vanishes
-/// along the slow axis of an elongated core.
+/// Returns ∇φ straight from φ = Im ln u with u = ξz + ζz̄: Im(∇u/u). It uses long double, because u
+/// nearly vanishes along the slow axis of an elongated core.
 std::array<double, 2> gradient_of(Morphology m, double x, double y) {
   using Complex = std::complex<long double>;
   const long double half_alpha = 0.5L * static_cast<long double>(m.alpha_rad);
@@ -74,15 +74,15 @@ std::array<double, 2> gradient_of(Morphology m, double x, double y) {
           static_cast<double>((Complex(0, 1) * (xi - zeta) / u).imag())};
 }
 
-/// Mean of ∇φ over a rectangle by quadrature along its sides: ∇φ falls as 1/r along every ray, so
-/// div(r ∇φ) = ∇φ component by component, and the integral is that of ∇φ (r·n) round the rim.
-/// The singular point itself never has to be looked at.
+/// Returns the mean of ∇φ over a rectangle by quadrature along its sides. ∇φ falls as 1/r along
+/// every ray, so that div(r ∇φ) = ∇φ component by component, and the integral is that of ∇φ (r·n)
+/// round the rim. The singular point itself is never evaluated.
 std::array<double, 2> quadrature_mean(Morphology m, double x0, double y0, double x1, double y1) {
   std::array<double, 2> mean{};
   const double area = (x1 - x0) * (y1 - y0);
   for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
     const auto side = [&](bool upright, double at, double from, double to) {
-      if (at == 0.0) return 0.0;  // r·n = 0 there
+      if (at == 0.0) return 0.0;  // because r·n = 0 there
       const auto f = [&](double s) {
         return upright ? gradient_of(m, at, s)[axis] : gradient_of(m, s, at)[axis];
       };
@@ -108,7 +108,7 @@ double radians(double degrees) { return degrees * kPi / 180.0; }
 
 TEST(VortexKernel, CornerAndNodeValues) {
   const VortexKernel kernel;
-  // rounding of a handful of operations on values near 5
+  // A handful of operations on values near 5 is rounded by this much.
   constexpr double kRounding = 4e-15;
   for (const double sx : {-1.0, 1.0}) {
     for (const double sy : {-1.0, 1.0}) {
@@ -192,7 +192,7 @@ TEST(VortexKernel, TableOfPeaks) {
       SCOPED_TRACE("alpha " + std::to_string(row.alpha_deg) + " beta " + std::to_string(45 * i));
       const VortexKernel kernel({radians(row.alpha_deg), radians(45.0 * static_cast<double>(i))});
       EXPECT_NEAR(kernel.peak_circulation(), row.d[i], kHalf6);
-      // Two formulas for one number; both lose digits as the core becomes a line.
+      // There are two formulas for one number. Both lose digits as the core becomes a line.
       EXPECT_NEAR(kernel.circulation(0, 0), kernel.peak_circulation(), 1e-12);
     }
   }
@@ -205,7 +205,7 @@ TEST(VortexKernel, DiagonalValueMinimumAndZero) {
       EXPECT_NEAR(kernel.circulation(t, u), -0.3966410308617583, 1e-14);
     }
   }
-  double low = 0.8;  // diagonal zero by bisection
+  double low = 0.8;  // finds the zero on the diagonal by bisection
   double high = 0.85;
   for (int i = 0; i < 60; ++i) {
     const double middle = 0.5 * (low + high);
@@ -213,12 +213,14 @@ TEST(VortexKernel, DiagonalValueMinimumAndZero) {
   }
   EXPECT_NEAR(low, 0.82215773, kHalf8);
 
-  // The minimum over the plane: a grid finds its basin, golden sections along u = 1 its place.
+  // This is the minimum over the plane. A grid finds its basin, and golden sections along u = 1
+  // find its place.
   double minimum = 0.0;
   double at_t = 0.0;
   double at_u = 0.0;
   for (int i = 0; i <= 120; ++i) {
-    for (int j = 0; j <= i; ++j) {  // u ≥ t: the rest follows by symmetry
+    // The rest follows from u ≥ t by symmetry.
+    for (int j = 0; j <= i; ++j) {
       const double t = 0.025 * j;
       const double u = 0.025 * i;
       if (kernel.circulation(t, u) < minimum) {
@@ -228,7 +230,7 @@ TEST(VortexKernel, DiagonalValueMinimumAndZero) {
       }
     }
   }
-  EXPECT_NEAR(at_t, 0.97, 0.026);  // the grid's step
+  EXPECT_NEAR(at_t, 0.97, 0.026);  // allows the grid's step
   EXPECT_NEAR(at_u, 1.0, 0.026);
   double a = 0.9;
   double b = 1.0;
@@ -243,7 +245,7 @@ TEST(VortexKernel, DiagonalValueMinimumAndZero) {
   }
   EXPECT_NEAR(a, 0.971810, kHalf6);
   EXPECT_NEAR(kernel.circulation(a, 1), -0.4107301049, kHalf10);
-  // A ridge of the kernel runs along u = 1: the minimum does not move off it.
+  // The kernel has a crease along u = 1, and the minimum does not move off it.
   EXPECT_GT(kernel.circulation(a, 1 - 1e-4), kernel.circulation(a, 1));
   EXPECT_GT(kernel.circulation(a, 1 + 1e-4), kernel.circulation(a, 1));
   for (const double s : {-1.0, 1.0}) {
@@ -252,7 +254,8 @@ TEST(VortexKernel, DiagonalValueMinimumAndZero) {
   }
 }
 
-/// Sum of D over the n×n cells round the one from whose centre the vortex is (t, u) away.
+/// Returns the sum of D over the n×n cells, n = 2·half + 1, round the one from whose centre the
+/// vortex is (t, u) away.
 double cell_sum(const VortexKernel& kernel, double t, double u, int half) {
   double sum = 0.0;
   for (int r = -half; r <= half; ++r) {
@@ -291,7 +294,7 @@ TEST(VortexKernel, SumsOverAllPositions) {
   EXPECT_NEAR(minimum[3], 6.2294, kHalf4);
   EXPECT_NEAR(maximum[3], 6.2299, kHalf4);
 
-  double mean = 0.0;  // midpoint rule
+  double mean = 0.0;  // by the midpoint rule
   for (int i = 0; i < kSteps; ++i) {
     for (int j = 0; j < kSteps; ++j) {
       mean += kernel.circulation(-0.5 + (i + 0.5) / kSteps, -0.5 + (j + 0.5) / kSteps);
@@ -315,11 +318,12 @@ TEST(VortexKernel, PointSamplesGiveFour) {
   const VortexKernel kernel;
   const auto s = kernel.gradient(0.5, 0.5);
   EXPECT_DOUBLE_EQ(s[0], -1.0);
-  EXPECT_DOUBLE_EQ(s[1], 1.0);  // eight such components, half of their sum: 4
+  EXPECT_DOUBLE_EQ(s[1], 1.0);  // Half of the sum of eight such components is 4.
 }
 
 TEST(VortexKernel, EdgeIntegralEqualsAreaIntegral) {
-  // The identity the quadrature below rests on, checked once by a plain double integral.
+  // The quadrature in these tests rests on this identity, which is checked once by a plain double
+  // integral.
   const Morphology m{0.9, 2.0};
   const auto inner = [&](double y) {
     return integrate([&](double x) { return gradient_of(m, x, y)[0]; }, 0.3, 1.3, 1e-11);
@@ -335,7 +339,7 @@ TEST(VortexKernel, MeanGradientEqualsQuadrature) {
   std::uniform_real_distribution<double> unit(0.0, 1.0);
   for (int trial = 0; trial < 200; ++trial) {
     const Morphology m{kPi * unit(random), 2 * kPi * unit(random)};
-    if (std::abs(std::cos(m.alpha_rad)) < 0.02) continue;  // see the limit line below
+    if (std::abs(std::cos(m.alpha_rad)) < 0.02) continue;  // LimitLine tests these.
     const double x0 = 4 * unit(random) - 3;
     const double y0 = 4 * unit(random) - 3;
     const double x1 = x0 + 0.1 + 2 * unit(random);
@@ -344,7 +348,8 @@ TEST(VortexKernel, MeanGradientEqualsQuadrature) {
                  " x0 " + std::to_string(x0) + " y0 " + std::to_string(y0));
     const auto closed = VortexKernel(m).mean_gradient(x0, y0, x1, y1);
     const auto numeric = quadrature_mean(m, x0, y0, x1, y1);
-    // 1e-14 a side from the quadrature, the closed form's rounding, over an area down to .01
+    // The quadrature errs by 1e-14 a side, and so does the closed form's rounding. Both are divided
+    // by an area down to .01.
     EXPECT_NEAR(closed[0], numeric[0], 2e-11);
     EXPECT_NEAR(closed[1], numeric[1], 2e-11);
   }
@@ -359,7 +364,7 @@ TEST(VortexKernel, CirculationEqualsQuadratureAlsoWhereThePapersFormIsZeroByZero
         for (const double u : {-1.0, 0.0, 0.7, 4.0}) {
           SCOPED_TRACE("alpha " + std::to_string(alpha) + " beta " + std::to_string(beta) + " t " +
                        std::to_string(t) + " u " + std::to_string(u));
-          // 32 sides at 1e-14 each, and the closed form's 1e-14
+          // The 32 sides err by 1e-14 each, and the closed form by 1e-14.
           EXPECT_NEAR(kernel.circulation(t, u), quadrature_circulation(m, t, u), 5e-13);
         }
       }
@@ -368,7 +373,8 @@ TEST(VortexKernel, CirculationEqualsQuadratureAlsoWhereThePapersFormIsZeroByZero
 }
 
 TEST(VortexKernel, NearlyALineEqualsQuadrature) {
-  // 1e-3 rad from the limit line, at every guard: A− → 0, C → 0 alone, A+ → 0.
+  // The core is 1e-3 rad from the limit line, at every place where the kernel guards a quotient: A−
+  // → 0, C → 0 alone, and A+ → 0.
   for (const double beta : {0.0, 1e-4, kPi / 2, 1.1, kPi, 1.5 * kPi}) {
     for (const double alpha : {kPi / 2 - 1e-3, kPi / 2 + 1e-3}) {
       const Morphology m{alpha, beta};
@@ -377,8 +383,8 @@ TEST(VortexKernel, NearlyALineEqualsQuadrature) {
         for (const double u : {0.0, -0.2, 0.87}) {
           SCOPED_TRACE("beta " + std::to_string(beta) + " t " + std::to_string(t) + " u " +
                        std::to_string(u));
-          // PHYSICS.md allows the closed form 4e-13; the integrand, which varies over 1e-3 and
-          // reaches 1e3, costs the quadrature more
+          // The closed form may err by 4e-13. The quadrature errs more, because its integrand
+          // varies over 1e-3 and reaches 1e3.
           EXPECT_NEAR(kernel.circulation(t, u), quadrature_circulation(m, t, u), 5e-12);
         }
       }
@@ -387,12 +393,12 @@ TEST(VortexKernel, NearlyALineEqualsQuadrature) {
 }
 
 TEST(VortexKernel, LimitLine) {
-  // At α → 90° the phase is a step of π across the slow axis. For β = 0 that is x = 0, and counting
-  // the step in each lenslet gives D(t, u) = π(1 − |u|) inside the cell; β = π turns it by 90°.
+  // At α → 90° the phase is a step of π across the slow axis. For β = 0 the step is at x = 0, and
+  // counting it in each lenslet gives D(t, u) = π(1 − |u|) inside the cell. β = π turns it by 90°.
   for (const double off : {1e-6, 1e-9, 1e-12, 0.0}) {
     SCOPED_TRACE("90 deg less " + std::to_string(off));
-    // The approach is as ε·ln(1/ε). PHYSICS.md expects rounding of 5e-7 at 1e-9 rad; A± free of
-    // cancellation and log1p leave less.
+    // The limit is approached as ε·ln(1/ε). With cancellation, rounding would be 5e-7 at 1e-9 rad;
+    // A± without cancellation and log1p leave less.
     const double tolerance = 1e-9 + (off > 0.0 ? 3 * off * (1 - std::log(off)) : 0.0);
     const VortexKernel zero({kPi / 2 - off, 0.0});
     const VortexKernel pi({kPi / 2 - off, kPi});
@@ -433,7 +439,7 @@ TEST(VortexKernel, AsymptoteJoinsSmoothly) {
         const double direction = 2 * kPi * (i + 0.3) / 24;
         const double x = std::cos(direction);
         const double y = std::sin(direction);
-        // |u| grows in proportion to the distance
+        // |u| grows in proportion to the distance.
         const double u_x = std::cos(alpha / 2) * std::cos(direction + beta / 2) +
                            std::sin(alpha / 2) * std::cos(direction + beta / 2);
         const double u_y = std::cos(alpha / 2) * std::sin(direction + beta / 2) -
@@ -441,14 +447,14 @@ TEST(VortexKernel, AsymptoteJoinsSmoothly) {
         const double r = VortexKernel::kAsymptoteFrom / std::hypot(u_x, u_y);
         SCOPED_TRACE("alpha " + std::to_string(alpha) + " beta " + std::to_string(beta) +
                      " direction " + std::to_string(direction));
-        // Both branches are taken, on the two sides ...
+        // Both branches are taken, one on each side.
         const double inside = r * (1 - 1e-9);
         const double outside = r * (1 + 1e-9);
         EXPECT_EQ(kernel.circulation(inside * x, inside * y),
                   kernel.circulation_closed_form(inside * x, inside * y));
         EXPECT_EQ(kernel.circulation(outside * x, outside * y),
                   kernel.circulation_asymptote(outside * x, outside * y));
-        // ... and meet: D is 1e-7 there, the asymptote's neglected terms are 1e-14, the closed
+        // They meet. D is 1e-7 there, and the asymptote's neglected terms are 1e-14. The closed
         // form's rounding is 1e-14 and grows with the distance along a slow axis.
         const double step = kernel.circulation(outside * x, outside * y) -
                             kernel.circulation(inside * x, inside * y);
@@ -459,7 +465,7 @@ TEST(VortexKernel, AsymptoteJoinsSmoothly) {
 }
 
 TEST(VortexKernel, AsymptoteIsTheFarField) {
-  // cos(4φ)/r⁴ with a relative error near .8/r⁴
+  // The far field is cos(4φ)/r⁴ with a relative error near .8/r⁴.
   const VortexKernel kernel;
   for (const double r : {6.0, 10.0, 16.0}) {
     const double exact = kernel.circulation_closed_form(r, 0);
@@ -468,7 +474,7 @@ TEST(VortexKernel, AsymptoteIsTheFarField) {
                     std::pow(r, 4),
                 -1.0, 1.0 / std::pow(r, 4));
   }
-  // The closed form stays accurate absolutely.
+  // The closed form stays accurate in absolute terms.
   EXPECT_NEAR(kernel.circulation_closed_form(1000, 0), 1e-12, 1e-12);
 }
 
@@ -484,11 +490,13 @@ TEST(VortexKernel, Symmetries) {
     const double u = 4 * unit(random) - 2;
     const VortexKernel kernel({alpha, beta});
     const double d = kernel.circulation(t, u);
-    constexpr double kRounding = 1e-12;  // α reaches 1.5, where the closed form loses some digits
-    EXPECT_NEAR(kernel.circulation(-t, -u), d, kRounding);                            // half a turn
-    EXPECT_NEAR(VortexKernel({alpha, beta + kPi}).circulation(-u, t), d, kRounding);  // a quarter
-    EXPECT_NEAR(VortexKernel({alpha, -beta}).circulation(t, -u), d, kRounding);  // core mirrored
-    EXPECT_NEAR(VortexKernel({kPi - alpha, beta}).circulation(t, u), -d, kRounding);  // charge
+    // α reaches 1.5, where the closed form loses some digits.
+    constexpr double kRounding = 1e-12;
+    // These are half a turn, a quarter turn, a mirrored core, the opposite charge and a negative α.
+    EXPECT_NEAR(kernel.circulation(-t, -u), d, kRounding);
+    EXPECT_NEAR(VortexKernel({alpha, beta + kPi}).circulation(-u, t), d, kRounding);
+    EXPECT_NEAR(VortexKernel({alpha, -beta}).circulation(t, -u), d, kRounding);
+    EXPECT_NEAR(VortexKernel({kPi - alpha, beta}).circulation(t, u), -d, kRounding);
     EXPECT_NEAR(VortexKernel({-alpha, beta + kPi}).circulation(t, u), d, kRounding);
   }
 }

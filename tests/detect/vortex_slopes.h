@@ -1,4 +1,4 @@
-// Slope fields of known vortices, for the tests of detect/.
+// This file makes slope fields of known vortices, for the tests of detect/.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +8,7 @@
 
 namespace curlew::testing {
 
-/// A field without slopes: every lenslet valid, all variances `variance`.
+/// Returns a field whose slopes are 0 and whose variances are `variance`. Every lenslet is valid.
 inline SlopeField flat_field(int rows, int cols, float variance = 0.0F) {
   SlopeField slopes(rows, cols);
   slopes.variance_x.fill(variance);
@@ -18,7 +18,7 @@ inline SlopeField flat_field(int rows, int cols, float variance = 0.0F) {
   return slopes;
 }
 
-/// Adds a vortex at (x, y), lenslet units, as uniform-average slopes.
+/// Adds the uniform-average slopes of a vortex at (x, y) in lenslet units.
 inline void add_vortex(SlopeField& slopes, double x, double y, Morphology morphology = {}) {
   const VortexKernel kernel(morphology);
   for (int r = 0; r < slopes.rows(); ++r) {
@@ -30,7 +30,7 @@ inline void add_vortex(SlopeField& slopes, double x, double y, Morphology morpho
   }
 }
 
-/// Takes a lenslet away, as the slope stage does: everything 0.
+/// Removes a lenslet as the slope stage does: all its values become 0.
 inline void remove_lenslet(SlopeField& slopes, int row, int col) {
   slopes.n_valid -= slopes.valid(row, col) != 0 ? 1 : 0;
   slopes.valid(row, col) = 0;

@@ -18,8 +18,9 @@ constexpr std::uint64_t kSeed = 20260801;
 
 class PatchLayerOf : public testing::TestWithParam<int> {};
 
-/// Within what rounding may do: half a step a code times the weights, half a step a weight times
-/// the codes; for every number of patches up to more than a tile.
+/// The fixed-point layer agrees within what rounding may do: half a step of each code times the
+/// weights, and half a step of each weight times the codes. It does so for every number of patches
+/// up to more than a tile.
 TEST_P(PatchLayerOf, AgreesWithItsLayer) {
   const ClassifierNetwork network = shipped_classifier_network();
   const DenseLayer& layer = network.layers[static_cast<std::size_t>(GetParam())];

@@ -17,8 +17,8 @@ namespace {
 
 constexpr std::uint64_t kSeed = 20260731;
 
-/// Windows of every size that fill a frame of 96 × 97 pixels to its last one, their references off
-/// the pixels' centres, and one lenslet missing.
+/// Returns windows of every size that fill a frame of 96 × 97 pixels to its last one. Their
+/// references are off the pixels' centres, and one lenslet is missing.
 SpotCamera camera_of_test(double pixels_per_lambda_w) {
   constexpr std::array<int, 8> kSides{4, 6, 7, 8, 9, 12, 20, 30};
   SpotCamera camera;
@@ -73,7 +73,7 @@ void expect_many_equal_one(const SpotCamera& camera, PixelType type) {
   std::vector<float> flux;
   for (std::size_t k = 0; k < features.lenslet_count(); ++k) {
     flux.push_back(static_cast<float>(1000.0 * random.uniform()));
-    lenslets.push_back(static_cast<std::int32_t>(k));  // those that are missing too
+    lenslets.push_back(static_cast<std::int32_t>(k));  // includes those that are missing
   }
   ASSERT_EQ(lenslets.size(), 64U);
   std::vector<float> many(lenslets.size() * kSpotFeatures + kProjectionSlack);
@@ -84,7 +84,8 @@ void expect_many_equal_one(const SpotCamera& camera, PixelType type) {
     const auto k = static_cast<std::size_t>(lenslets[i]);
     features.measure(frame.view(), k, flux[k], 500.0F, one.data());
     for (std::size_t f = 0; f < kSpotFeatures; ++f) {
-      // Both are sums of a window's pixels, all positive, over their sum: a few roundings of 1.
+      // Both are sums of a window's pixels, all positive, over the sum of these. They differ by a
+      // few roundings of 1.
       EXPECT_NEAR(many[i * kSpotFeatures + static_cast<std::size_t>(kMeasuredPlaces[f])], one[f],
                   3e-6F * std::max(1.0F, std::abs(one[f])))
           << "lenslet " << k << ", feature " << f << ", seed " << kSeed;

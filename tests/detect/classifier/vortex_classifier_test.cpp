@@ -33,7 +33,7 @@ Sensor sensor_of_test() {
   sensor.optics = {.pitch_m = 1e-4,
                    .focal_m = 1e-2,
                    .pixel_m = 1e-5,
-                   .wavelength_m = 2e-7,  // two pixels a λ/w
+                   .wavelength_m = 2e-7,  // makes two pixels a λ/w
                    .magnification = 1.0,
                    .mirrored = false};
   sensor.detector = {
@@ -48,7 +48,7 @@ FrameFormat format_of_test() {
   return format;
 }
 
-/// Expected electrons of every pixel.
+/// Returns the expected electrons of every pixel.
 Image<float> light_of(const Scene& scene, double photons) {
   SimulatorOptions options;
   options.rows = options.cols = kLenslets;
@@ -67,7 +67,7 @@ Scene vortex_scene(double x, double y, int charge) {
   return scene;
 }
 
-/// The stages from pixels to vortices.
+/// Holds the stages from pixels to vortices.
 struct Chain {
   explicit Chain(const ClassifierOptions& options = {})
       : plan(options, spot_camera(sensor), format_of_test()) {}
@@ -140,7 +140,8 @@ TEST(VortexClassifier, FindsVorticesWithTheirSign) {
 }
 
 TEST(VortexClassifier, FollowsRotationAndMirror) {
-  // Learned from all eight orientations rather than built in, hence the tolerances.
+  // The orientations were learned from examples of all eight and are not built in, hence the
+  // tolerances.
   const Image<float> light = light_of(vortex_scene(6.8, 9.3, 1), 4000.0);
   Chain upright;
   upright.expose(light, kSeed);
@@ -242,7 +243,7 @@ TEST(VortexClassifier, LivesWithMissingLensletsAndAnyPixels) {
   EXPECT_TRUE(chain.classify().empty());
 }
 
-/// What speed costs: fixed point, and nodes that the screen drops.
+/// This shows what speed costs: fixed point, and nodes that the screen drops.
 TEST(VortexClassifier, FindsWhatItWasTrainedToFind) {
   Chain exact({.min_probability = 0.3, .as_trained = true});
   Chain unscreened({.min_probability = 0.3, .min_screen = 2.0 * kEveryNode});
@@ -271,7 +272,7 @@ TEST(VortexClassifier, FindsWhatItWasTrainedToFind) {
         });
       };
       EXPECT_TRUE(among(unscreened.vortices, 0.01F, 0.01F)) << "seed " << seed;
-      // A view less moves the mean of views, by less than its standard deviation.
+      // One view fewer moves the mean of the views, but by less than its standard deviation.
       EXPECT_TRUE(among(fast.vortices, 0.3F, 1.0F)) << "seed " << seed;
       ++found;
     }
@@ -349,9 +350,9 @@ TEST(SpotFeatures, ModesTurnAsPicturesDo) {
   for (int i = 0; i < kWindowPx; ++i) {
     for (int j = 0; j < kWindowPx; ++j) {
       const auto count = static_cast<std::uint16_t>(kBiasAdu + 1000.0 * random.uniform());
-      counts[i * kSide + j] = count;                                  // lenslet 0
-      counts[j * kSide + kWindowPx + i] = count;                      // lenslet 1: transposed
-      counts[i * kSide + 2 * kWindowPx + kWindowPx - 1 - j] = count;  // lenslet 2: mirrored
+      counts[i * kSide + j] = count;                                  // is lenslet 0
+      counts[j * kSide + kWindowPx + i] = count;                      // is lenslet 1, transposed
+      counts[i * kSide + 2 * kWindowPx + kWindowPx - 1 - j] = count;  // is lenslet 2, mirrored
     }
   }
   std::array<std::array<float, kSpotFeatures>, 3> spot{};
@@ -361,7 +362,8 @@ TEST(SpotFeatures, ModesTurnAsPicturesDo) {
     const SpotMode mode = spot_mode(i);
     const auto u = static_cast<std::size_t>(i);
     const auto turned = static_cast<std::size_t>(spot_mode_index({mode.n, mode.m}));
-    EXPECT_NEAR(spot[1][u], spot[0][turned], 1e-5F);  // float rounding of 36 pixels' sums
+    // The tolerance is for the float rounding of sums over 36 pixels.
+    EXPECT_NEAR(spot[1][u], spot[0][turned], 1e-5F);
     EXPECT_NEAR(spot[2][u], (mode.m % 2 == 0 ? 1.0F : -1.0F) * spot[0][u], 1e-5F);
   }
 }

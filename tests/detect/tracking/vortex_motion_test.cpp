@@ -54,7 +54,8 @@ TEST(VortexMotion, WhatMovesOnItsOwnFallsBackToTheDrift) {
   VortexMotion motion(options);
   motion.learn_interval(kFrameS);
   for (int frame = 0; frame < 200; ++frame) {
-    std::array<float, 5> x = {7.0F, -90.0F, 8.0F, 300.0F, 7.5F};  // outliers on both sides
+    // There are outliers on both sides.
+    std::array<float, 5> x = {7.0F, -90.0F, 8.0F, 300.0F, 7.5F};
     std::array<float, 5> y = {-2.0F, -2.0F, -2.0F, 40.0F, -50.0F};
     motion.learn_drift(x, y);
   }
@@ -64,7 +65,7 @@ TEST(VortexMotion, WhatMovesOnItsOwnFallsBackToTheDrift) {
   state.mean(2) = 20.0F;
   for (int frame = 0; frame < 200; ++frame) state.predict(motion.step(kFrameS));
   EXPECT_NEAR(state.mean(2), 7.5F, 0.01F);
-  // Its own velocity's variance is renewed as fast as it dies away.
+  // The variance of a vortex's own velocity is renewed as fast as it dies away.
   const auto own = static_cast<float>(options.own_velocity) / kFrameS;
   EXPECT_NEAR(state.covariance(2, 2), own * own, 0.01F * own * own);
 }

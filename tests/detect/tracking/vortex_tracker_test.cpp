@@ -21,7 +21,7 @@ namespace {
 constexpr int kLenslets = 16;
 constexpr std::size_t kCapacity = 64;
 constexpr double kFrameS = 2e-3;
-constexpr double kErrorRms = 0.2;  // of candidates, along an axis, pitches
+constexpr double kErrorRms = 0.2;  // rms error of candidates along an axis, pitches
 
 Vortex candidate(double x, double y, int charge, double probability) {
   Vortex vortex;
@@ -33,7 +33,8 @@ Vortex candidate(double x, double y, int charge, double probability) {
   return vortex;
 }
 
-/// Where errors are independent, nothing of them lasts.
+/// Returns options for errors that are independent from frame to frame, so that no part of them
+/// lasts.
 TrackerOptions independent_errors() {
   TrackerOptions options;
   options.lasting_error = 0.0;
@@ -52,7 +53,8 @@ VortexList update(VortexTracker& tracker, int frame, const std::vector<Vortex>& 
 }
 
 TEST(VortexTracker, KnowsTheVelocityWithinItsCovariance) {
-  // Many single vortices, each alone; every one unlike the common drift, which is not known.
+  // Many vortices are tracked, each alone and with a velocity of its own, so that no common drift
+  // is known.
   constexpr int kTrials = 60;
   constexpr int kFrames = 40;
   double velocity_error2 = 0.0, position_error2 = 0.0, stated = 0.0;
@@ -77,17 +79,17 @@ TEST(VortexTracker, KnowsTheVelocityWithinItsCovariance) {
     stated += static_cast<double>(list[0].variance_x + list[0].variance_y);
     ++n;
   }
-  // Its filter expects more of vortices than moving straight on: the errors are below what it
-  // states, and well below a single candidate's.
-  EXPECT_LT(std::sqrt(velocity_error2 / n), 0.035);  // pitches a frame, of 2-D vectors
+  // The filter expects more of vortices than moving straight on. Therefore the errors are below
+  // what it states, and well below those of a single candidate.
+  EXPECT_LT(std::sqrt(velocity_error2 / n), 0.035);  // pitches a frame, for 2-D vectors
   EXPECT_LT(position_error2, stated);
   EXPECT_GT(position_error2, 0.2 * stated);
   EXPECT_LT(std::sqrt(position_error2 / n), 0.7 * kErrorRms * std::sqrt(2.0));
 }
 
 TEST(VortexTracker, StatesItsErrors) {
-  // Vortices that move as the filter assumes, round a drift of .1: the squared errors over their
-  // covariance are those of χ² with two degrees of freedom, mean 2.
+  // The vortices move as the filter assumes, round a drift of .1. The squared errors over their
+  // covariance are then those of χ² with two degrees of freedom, whose mean is 2.
   TrackerOptions options = independent_errors();
   constexpr int kVortices = 9, kFrames = 100, kTrials = 8;
   double sum = 0.0;
@@ -117,7 +119,8 @@ TEST(VortexTracker, StatesItsErrors) {
       ASSERT_EQ(list.size(), std::size_t{kVortices});
       for (std::size_t i = 0; i < list.size(); ++i) {
         double ex = 100.0, ey = 100.0;
-        for (const auto& one : truth) {  // the nearest is 15 pitches from the next
+        // The nearest is unique, because vortices are 15 pitches apart.
+        for (const auto& one : truth) {
           const double dx = static_cast<double>(list[i].x) - one[0];
           const double dy = static_cast<double>(list[i].y) - one[1];
           if (std::hypot(dx, dy) < std::hypot(ex, ey)) {
@@ -135,7 +138,8 @@ TEST(VortexTracker, StatesItsErrors) {
     EXPECT_NEAR(static_cast<double>(tracker.drift()[0]) * kFrameS, 0.1, 0.03);
     EXPECT_NEAR(static_cast<double>(tracker.drift()[1]) * kFrameS, 0.0, 0.03);
   }
-  // Errors last some 5 frames: about n/5 independent ones of variance 4, three of their sigma.
+  // Errors last some 5 frames, so that about n/5 are independent. Their variance is 4, and the
+  // tolerance is three σ.
   EXPECT_NEAR(sum / n, 2.0, 3.0 * 2.0 / std::sqrt(n / 5.0) + 0.1);
 }
 
@@ -171,7 +175,8 @@ TEST(VortexTracker, EqualOnesPassWithoutSwitching) {
     for (const Vortex& vortex : list) last_x[vortex.track] = static_cast<double>(vortex.x);
   }
   ASSERT_EQ(last_x.size(), 2U);
-  EXPECT_NEAR(last_x[0], 12.5, 0.5);  // the first one has gone right, the second left
+  // The first one has gone right and the second left.
+  EXPECT_NEAR(last_x[0], 12.5, 0.5);
   EXPECT_NEAR(last_x[1], 3.1, 0.5);
 }
 
@@ -216,11 +221,12 @@ TEST(VortexTracker, AVortexThatIsGoneIsForgottenAndItsNumberNotUsedAgain) {
   EXPECT_TRUE(ids.insert(list[0].track).second);
 }
 
-/// Frames from the first candidate until there is a track.
+/// Returns the number of frames from the first candidate until there is a track.
 int frames_to_confirm(bool with_partner, double x) {
   VortexTracker tracker = make_tracker();
   int f = 0;
-  for (; f < 3; ++f) update(tracker, f, {});  // what is there from the beginning is no birth
+  // A vortex that is there from the beginning does not count as a birth.
+  for (; f < 3; ++f) update(tracker, f, {});
   for (int n = 1; n < 50; ++n, ++f) {
     std::vector<Vortex> candidates{candidate(x, 7.5, 1, 0.6)};
     if (with_partner) candidates.push_back(candidate(x, 8.5, -1, 0.6));
@@ -238,7 +244,7 @@ TEST(VortexTracker, BirthsInPairsAndAtTheEdgeAreSoonerBelieved) {
   EXPECT_LT(frames_to_confirm(false, 7.5), 20);
 }
 
-/// Frames that a vortex is still reported after it was seen last.
+/// Returns for how many frames a vortex is still reported after it was last seen.
 int frames_to_forget(bool with_partner) {
   VortexTracker tracker = make_tracker();
   int f = 0;
@@ -287,12 +293,12 @@ TEST(VortexTracker, AnUnresolvedPairKeepsBothItsTracks) {
   };
   EXPECT_TRUE(survivors(false).empty());
   const VortexList kept = survivors(true);
-  ASSERT_EQ(kept.size(), 2U);  // and the pair itself is not reported a third time
+  ASSERT_EQ(kept.size(), 2U);  // The pair itself is not reported a third time.
   for (const Vortex& vortex : kept) {
     EXPECT_NE(vortex.charge, 0);
     EXPECT_NE(vortex.flags & kVortexPredicted, 0U);
   }
-  // Alone it is passed on.
+  // A pair alone is passed on.
   VortexTracker tracker = make_tracker();
   const VortexList alone = update(tracker, 0, {candidate(7.5, 7.5, 0, 0.9)});
   ASSERT_EQ(alone.size(), 1U);
@@ -300,7 +306,8 @@ TEST(VortexTracker, AnUnresolvedPairKeepsBothItsTracks) {
   EXPECT_EQ(alone[0].track, -1);
 }
 
-/// Tracks begun a frame where there is clutter alone: all over, new in every frame.
+/// Returns the number of tracks begun a frame where there is only clutter, which is all over and
+/// new in every frame.
 double false_tracks_per_frame(const TrackerOptions& options, double min_probability) {
   constexpr int kFrames = 4000;
   VortexTracker tracker(options, kLenslets, kLenslets, kCapacity);
@@ -323,14 +330,15 @@ TEST(VortexTracker, FalseTracksStayBelowTheStatedRate) {
   TrackerOptions options = independent_errors();
   options.min_probability = 0.01;
   options.false_tracks_per_frame = 0.03;
-  // Of clutter that is independent, as this is, all evidence may count: then the bound is near.
+  // This clutter is independent, so that all evidence may count. Then the rate comes near its
+  // bound.
   options.evidence_weight = options.memory = 1.0;
   EXPECT_LT(false_tracks_per_frame(options, 0.02), 0.03);
   EXPECT_LT(false_tracks_per_frame(options, 0.1), 0.03);
   const double worst = false_tracks_per_frame(options, 0.3);
   EXPECT_LT(worst, 0.03 + 3.0 * std::sqrt(0.03 / 4000));
   EXPECT_GT(worst, 0.03 / 5.0);
-  // Counting it for less, as real clutter demands, is on the safe side.
+  // With less weight, as real clutter demands, the rate is on the safe side.
   const TrackerOptions shipped;
   options.evidence_weight = shipped.evidence_weight;
   options.memory = shipped.memory;
@@ -338,7 +346,8 @@ TEST(VortexTracker, FalseTracksStayBelowTheStatedRate) {
 }
 
 TEST(VortexTracker, FaintOnesThatFollowOneAnotherMakeATrack) {
-  // Candidates a detector would hold for clutter, three in four of the frames, at one place.
+  // The candidates come in three of four frames and move steadily. A detector would hold each for
+  // clutter.
   VortexTracker tracker = make_tracker();
   RandomStream random(8, 0);
   VortexList list(64);
@@ -389,7 +398,7 @@ TEST(VortexTracker, MirroredChargesFlip) {
   for (int f = 0; f < 60; ++f) {
     std::vector<Vortex> candidates, flipped;
     for (int i = 0; i < 4; ++i) {
-      // Multiples of 1/64, so that 15 − x is exact.
+      // These are multiples of 1/64, so that 15 − x is exact.
       const double noise = std::round(8.0 * random.gaussian()) / 64.0;
       const double x = 2.0 + 3.0 * i + f / 16.0 + noise;
       if (x < 0.0 || x > 15.0 || random.uniform() < 0.1) continue;
@@ -442,7 +451,7 @@ TEST(VortexTracker, CountsWhatFindsNoRoom) {
   for (int f = 0; f < 15; ++f) list = update(tracker, f, candidates);
   EXPECT_EQ(list.size(), 3U);
   EXPECT_EQ(tracker.overflow(), 2 * 15);
-  // A detector's list that was too short stays known as such.
+  // The overflow of a detector's list that was too short stays counted.
   VortexList shortage(2);
   for (const Vortex& vortex : candidates) shortage.push(vortex);
   tracker.update(kFrameS * 15, shortage);
@@ -450,7 +459,7 @@ TEST(VortexTracker, CountsWhatFindsNoRoom) {
   EXPECT_GE(shortage.overflow(), 3);
 }
 
-// A clock too coarse for the frames gives some of them the time of the one before.
+// If a clock is too coarse for the frames, some frames have the time of the one before.
 TEST(VortexTracker, TimeThatStandsStillForAFrameForgetsNothing) {
   VortexTracker tracker = make_tracker();
   std::int64_t track = -1;

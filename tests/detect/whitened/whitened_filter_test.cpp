@@ -1,4 +1,4 @@
-// The whitened filter: its covariance, its statistic, its symmetries.
+// These tests are about the whitened filter: its covariance, its statistic and its symmetries.
 #include "detect/whitened/whitened_filter.h"
 
 #include <gtest/gtest.h>
@@ -24,7 +24,8 @@ struct Frame {
   Image<std::uint8_t> valid;
 };
 
-/// Slope noise as photons make it: variance ∝ 1/flux, x and y unequal and correlated.
+/// Returns a frame with slope noise as photons make it: the variance is ∝ 1/flux, and x and y are
+/// unequal and correlated.
 Frame noise_frame(std::mt19937& random, const Image<float>& flux, double noise, double correlation,
                   double ratio) {
   std::normal_distribution<double> normal;
@@ -57,14 +58,14 @@ TEST(WhitenedFilter, SolvesTheCovarianceOfItsSlopes) {
   SCOPED_TRACE(kSeed);
   std::mt19937 random(kSeed);
   Frame frame = noise_frame(random, uneven_flux(random), 0.05, 0.0, 1.0);
-  frame.slopes.valid(4, 5) = 0;  // a missing one too
+  frame.slopes.valid(4, 5) = 0;  // is a missing lenslet
   WhitenedPlanes planes(kRows, kCols);
   fill_planes(frame.slopes, frame.flux, frame.valid, kClutter, planes);
   const VortexPattern m;
   Eigen::Matrix<double, 9, 1> pattern;
   pattern << m.corner, m.side, m.corner, m.side, m.centre, m.side, m.corner, m.side, m.corner;
   for (const auto& [row, col] : {std::pair{3, 4}, {0, 0}, {7, 9}, {4, 4}, {5, 2}}) {
-    // D of the nine cells as a stencil of the 16 lenslets' main and anti parts.
+    // This is D of the nine cells as a stencil of the 16 lenslets' main and anti parts.
     Eigen::Matrix<double, 9, 32> stencil = Eigen::Matrix<double, 9, 32>::Zero();
     Eigen::Matrix<double, 32, 1> variance;
     for (int i = 0; i < 4; ++i)
@@ -91,7 +92,8 @@ TEST(WhitenedFilter, SolvesTheCovarianceOfItsSlopes) {
   }
 }
 
-/// t of every third node, so that they share few slopes; its first two moments over many frames.
+/// Takes t of every third node, so that they share few slopes, and tests its first two moments over
+/// many frames.
 void expect_standard_normal(double correlation, double ratio, bool uneven, bool missing) {
   constexpr unsigned kSeed = 12;
   SCOPED_TRACE(kSeed);
@@ -118,7 +120,8 @@ void expect_standard_normal(double correlation, double ratio, bool uneven, bool 
       }
     }
   }
-  // Four standard deviations of independent ones; neighbours three apart share a row of lenslets.
+  // The tolerance is five standard deviations of independent values. It is not four, because
+  // neighbours three apart share a row of lenslets.
   EXPECT_NEAR(sum / n, 0.0, 5.0 / std::sqrt(n));
   EXPECT_NEAR(squares / n, 1.0, 5.0 * std::sqrt(2.0 / n));
 }
@@ -161,7 +164,7 @@ TEST(WhitenedFilter, FirstLookTellsTheFilterItself) {
     for (int c = 0; c < kCols - 1; ++c) {
       const NodeFilter filter = filter_at(planes, {}, r, c);
       const float z2 = filter.sum * filter.sum / filter.information;
-      // All lenslets are of mean flux here, so both tests know the noise.
+      // All lenslets are of mean flux here, so that both tests know the noise.
       const float t2 = filter.sum * filter.sum / noise_variance(frame.slopes, filter, r, c);
       const float minimum = std::min(z2 / 0.09F, t2 / 0.5F);
       if (std::abs(minimum - 1.0F) > 0.02F) {

@@ -1,4 +1,4 @@
-// The interpretable detector, on slopes whose vortices are known.
+// These tests give the interpretable detector slopes whose vortices are known.
 #include "detect/whitened/whitened_finder.h"
 
 #include <gtest/gtest.h>
@@ -61,7 +61,8 @@ TEST(WhitenedFinder, FindsAVortexAtAnyPlaceWithinANode) {
       ASSERT_EQ(found.vortices.size(), 1U);
       const Vortex& vortex = found.only();
       EXPECT_EQ(vortex.charge, 1);
-      // The centroid is followed part of the way only, as propagated fields want it.
+      // The position goes only part of the way to the centroid, because that is best on propagated
+      // fields.
       EXPECT_NEAR(vortex.x, 7.5 + dx, 0.25);
       EXPECT_NEAR(vortex.y, 6.5 + dy, 0.25);
       EXPECT_GT(vortex.probability, 0.8F);
@@ -76,7 +77,7 @@ TEST(WhitenedFinder, FollowsTheDarknessWhereCirculationIsEven) {
   SlopeField slopes = flat_field(kSize, kSize, 0.01F);
   add_vortex(slopes, 7.5, 7.5);
   Image<float> flux = even_flux();
-  flux(7, 8) = flux(8, 8) = 100.0F;  // the right pair of its four
+  flux(7, 8) = flux(8, 8) = 100.0F;  // are the right pair of the node's four
   const Found found = find(slopes, flux);
   ASSERT_EQ(found.vortices.size(), 1U);
   EXPECT_GT(found.only().x, 7.6F);
@@ -98,7 +99,7 @@ TEST(WhitenedFinder, FindsNothingWhereThereIsNothing) {
   EXPECT_TRUE(find(none, even_flux()).vortices.empty());
 }
 
-/// A field of vortices and noise, uneven in flux.
+/// This is a field of vortices and noise, uneven in flux.
 struct Scene {
   SlopeField slopes = flat_field(kSize, kSize, 0.02F);
   Image<float> flux = even_flux();
@@ -227,7 +228,7 @@ TEST(WhitenedFinder, NotANumberIsNoVortex) {
   EXPECT_TRUE(find(slopes, even_flux()).vortices.empty());
 }
 
-/// White slope noise at two levels: the stated rate is what is reported.
+/// In white slope noise at two levels, vortices are reported at the stated rate.
 TEST(WhitenedFinder, FalseAlarmsAreAsStated) {
   constexpr unsigned kSeed = 21;
   SCOPED_TRACE(kSeed);
@@ -299,7 +300,7 @@ TEST(FalseAlarmControl, MarksTheSignOfWhatStandsOut) {
   for (const std::int8_t mark : marks) EXPECT_EQ(mark, 0);
 }
 
-// Asking for unlikely ones too takes no likely one away: not into a pair either.
+// If unlikely vortices are asked for as well, no likely one may vanish, not even into a pair.
 TEST(WhitenedFinder, WhatIsLikelyStaysWhenUnlikelyOnesAreAskedFor) {
   std::mt19937 random(7901);
   std::normal_distribution<float> noise(0.0F, 0.45F);
