@@ -45,6 +45,7 @@ enum class BenchSlopes {
   kSmooth,
 };
 
+/// Draws one frame. The same arguments give the same frame.
 BenchFrame make_bench_frame(const BenchCase& which, BenchSlopes slopes, std::uint64_t seed);
 
 /// Returns the sensor of these frames: its windows tile the frame, the references are the windows'

@@ -22,8 +22,8 @@ double root_mean(double sum, double n) {
   return n > 0.0 ? std::sqrt(sum / n) : std::numeric_limits<double>::quiet_NaN();
 }
 
-/// Learns the modes from the training fields. As many lenslets as the propagated grid has see each
-/// of them.
+/// Learns the modes from the training fields, each of which as many lenslets see as the propagated
+/// grid has.
 FieldModes learn_modes(const PositionBenchmarkOptions& options, const FieldParameters& field,
                        const std::function<void()>& step) {
   const PropagationGrid grid = propagation_grid(simulator_options(field, 0));
@@ -51,11 +51,11 @@ FieldModes learn_modes(const PositionBenchmarkOptions& options, const FieldParam
   return estimator.modes(options.modes);
 }
 
-/// These are the required vortices of a test field and their bounds at every flux.
+/// The required vortices of a test field, and their bounds at every flux.
 struct BoundedField {
   std::vector<PositionVortex> vortices;
-  std::vector<std::size_t> truth;  ///< These are the vortices' indices in the graded truth.
-  /// These are indexed by the vortex and then by the flux, as in options.photons.
+  std::vector<std::size_t> truth;  ///< the vortices' indices in the graded truth
+  /// The bounds, by vortex and then by flux in the order of options.photons.
   std::vector<std::vector<std::array<VortexBound, 2>>> bounds;
 };
 
@@ -174,10 +174,10 @@ std::vector<BoundedField> bound_fields(const PositionBenchmarkOptions& options,
   return bounded;
 }
 
-/// This is what the classifier makes of the test fields at one flux.
+/// What the classifier makes of the test fields at one flux.
 struct ClassifierResult {
-  double threshold;                     ///< Candidates of this score or a higher one are believed.
-  std::vector<FrameVerdicts> verdicts;  ///< There is one for each test field.
+  double threshold;                     ///< candidates of this score or a higher one are believed
+  std::vector<FrameVerdicts> verdicts;  ///< one for each test field
 };
 
 /// Chooses the classifier's threshold on the validation fields, then runs it on the test fields.

@@ -77,6 +77,7 @@ struct TruncatedError {
   double probability = 0.0;  ///< probability of an error within the radius
   double square = 0.0;       ///< mean square of the errors within the radius
 };
+/// Returns what is left of such an error. covariance: pitches²; radius: pitches.
 TruncatedError truncate_error(const Eigen::Matrix2d& covariance, double radius);
 
 }  // namespace curlew

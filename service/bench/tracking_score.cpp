@@ -54,7 +54,7 @@ std::vector<std::size_t> match(const std::vector<TrueVortex>& truth,
   return hit_by;
 }
 
-// We look at this many tracks of each vortex, those that hit it most often.
+// So many tracks of each vortex are looked at, those that hit it most often.
 constexpr std::size_t kTracksPerVortex = 12;
 
 /// Pairs each vortex with at most one track and the other way round, so that most hits agree, and
@@ -86,7 +86,7 @@ void count_consistent_hits(const std::vector<std::vector<std::pair<int, std::int
   }
 }
 
-/// This scores the frames of one sequence, one after the other.
+/// Scores the frames of one sequence, one after the other.
 class TrackScorer {
  public:
   TrackScorer(std::size_t frames, const Interior& interior)
@@ -115,11 +115,11 @@ class TrackScorer {
   }
 
  private:
-  /// This is what became of one track so far.
+  /// What became of one track so far.
   struct Life {
-    std::size_t first_false = 0;  ///< The track's first false alarm was in this frame.
+    std::size_t first_false = 0;  ///< the frame of the track's first false alarm
     bool ever_false = false;
-    bool ever_hit = false;  ///< The track has hit some vortex, required or not.
+    bool ever_hit = false;  ///< it has hit some vortex, required or not
   };
 
   /// Counts the required vortices and their hits. Returns which of those reported hit one.
@@ -175,10 +175,10 @@ class TrackScorer {
 
   const Interior& interior_;
   std::vector<TrackingCounts> frames_;
-  /// These are the identity and the track of every hit, frame by frame.
+  /// The identity and the track of every hit, frame by frame.
   std::vector<std::vector<std::pair<int, std::int64_t>>> hits_;
-  std::map<int, std::int64_t> last_track_;  ///< It says which track hit each identity last.
-  std::map<std::int64_t, Life> lives_;      ///< The key is the track.
+  std::map<int, std::int64_t> last_track_;  ///< which track hit each identity last
+  std::map<std::int64_t, Life> lives_;      ///< by track
 };
 
 }  // namespace

@@ -13,13 +13,15 @@ void add_replay(CLI::App& app);
 void add_run(CLI::App& app);
 void add_control(CLI::App& app);
 void add_bench(CLI::App& app);
-void add_bench_detect(CLI::App& bench);  // this and the next six are commands of bench
+// The next seven are the commands of bench.
+void add_bench_detect(CLI::App& bench);
 void add_bench_train(CLI::App& bench);
 void add_bench_classifier(CLI::App& bench);
 void add_bench_false_alarms(CLI::App& bench);
 void add_bench_phase(CLI::App& bench);
 void add_bench_bound(CLI::App& bench);
 void add_bench_track(CLI::App& bench);
+// These are commands of the program again.
 void add_cameras(CLI::App& app);
 void add_doctor(CLI::App& app);
 void add_kernel(CLI::App& app);

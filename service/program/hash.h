@@ -7,6 +7,7 @@
 
 namespace curlew {
 
+/// Returns the hash of a text. It is the same on every machine.
 inline std::uint64_t fnv1a(std::string_view text) {
   std::uint64_t hash = 0xcbf29ce484222325U;
   for (const char c : text) {

@@ -32,6 +32,7 @@ struct UnresolvedPair {
 };
 /// Pairs closer than this, in pitches, leave hardly a trace.
 inline constexpr double kFaintestPair = 0.3;
+/// Returns the unresolved pairs of a graded field, the closest first.
 std::vector<UnresolvedPair> unresolved_pairs(const std::vector<GradedVortex>& graded);
 
 struct TrainingField {
@@ -48,6 +49,8 @@ FieldParameters training_field(int index);
 /// Returns the labels of the field's nodes, [rows − 1, cols − 1].
 Image<NodeLabel> label_nodes(const FieldParameters& p, const std::vector<GradedVortex>& truth);
 
+/// Labels the nodes of a realisation, and marks those with any vortex within 2 pitches on each
+/// axis.
 TrainingField make_training_field(const FieldParameters& p, Realisation realisation);
 
 /// The features of every lenslet in one exposure.
