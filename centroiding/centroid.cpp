@@ -225,7 +225,7 @@ WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const Centr
                       SignalVariance model) {
   using V = hn::Vec<D>;
   const D d;
-  float raised = 0.0F;  // says how far the relative threshold lies above the fixed one
+  float raised = 0.0F;  // height of the relative threshold above the fixed one, counts
   if (plan.relative_threshold > 0.0F) {
     const float peak = plan.threshold + brightest<D, Pixel, kMaps>(plan, pixels, spot);
     raised = std::max(plan.relative_threshold * peak - plan.threshold, 0.0F);

@@ -37,7 +37,7 @@ struct CentroidOptions {
   /// noise.
   double reference_pull = 3.0;
   /// kBrightestPixels uses so many pixels. 0 stands for a quarter of the pixels of the largest
-  /// window, and for 64 at most.
+  /// window, but for at most 64.
   int brightest_pixels = 0;
 };
 

@@ -8,13 +8,11 @@
 namespace curlew {
 
 enum class CentroidMethod {
-  kThresholded,  ///< centre of gravity of the light above a threshold, with the threshold
-                 ///< subtracted
+  kThresholded,  ///< centre of gravity of the light above a threshold, less the threshold
   kPlain,        ///< centre of gravity of the light above the background
   kWeighted,     ///< centre of gravity of all light, weighted by a Gaussian that follows the spot
   kCorrelation,  ///< peak of the correlation with a Gaussian, refined by a parabola
-  kBrightestPixels,    ///< centre of gravity of the n brightest pixels, less the brightness of the
-                       ///< next
+  kBrightestPixels,    ///< centre of gravity of the n brightest pixels, less the light of the next
   kMaximumLikelihood,  ///< fit of a Gaussian of known width and of a background
 };
 

@@ -42,7 +42,7 @@ struct Sensor {
   Image<Window> window;  ///< {0,0,0,0} where not valid
   Image<float> gain_x;   ///< measured over true displacement, 1 where the window cuts off no light
   Image<float> gain_y;   ///< NaN where not valid
-  CentroidMethod method = CentroidMethod::kThresholded;  ///< the gains were measured for it
+  CentroidMethod method = CentroidMethod::kThresholded;            ///< method of the measured gains
   double spot_blur_px = std::numeric_limits<double>::quiet_NaN();  ///< σ; NaN where it is not known
   Image<float> flux_adu;  ///< flux of the reference spots above the threshold; NaN where not valid
 

@@ -40,8 +40,8 @@ struct WindowGroup {
 /// centres.
 struct GroupPositions {
   alignas(64) LaneValues x, y, variance_x, variance_y, covariance;
-  alignas(64) LaneValues signal, signal_variance;  ///< compared with min_snr
-  alignas(64) LaneValues flux;                     ///< of a Gaussian spot of this signal, counts
+  alignas(64) LaneValues signal, signal_variance;  ///< their ratio is compared with min_snr
+  alignas(64) LaneValues flux;  ///< flux of a Gaussian spot of this signal, counts
 };
 
 /// Fills in the group from its n and its first n lenslets, which the caller has set. `found` holds

@@ -232,7 +232,7 @@ void find_circulation_vortices(const CirculationPlan& plan, const CirculationMap
   check_size("find_circulation_vortices", "circulation", size_of(map.value),
              {plan.cell_rows(), plan.cell_cols()});
   vortices.clear();
-  const float z = std::min(plan.threshold_sigmas(map.n_valid), 1e18F);  // keeps its square finite
+  const float z = std::min(plan.threshold_sigmas(map.n_valid), 1e18F);  // This keeps z² finite.
   const Threshold threshold{z * z, static_cast<float>(plan.options().min_circulation_rad)};
   const auto lobe_fraction = static_cast<float>(plan.options().lobe_fraction);
   constexpr int kChunk = 32;

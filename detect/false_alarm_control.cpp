@@ -9,7 +9,7 @@ namespace curlew {
 void mark_significant(const CirculationMap& map, float threshold_sigmas,
                       Image<std::int8_t>& marks) noexcept {
   assert(marks.rows() == map.value.rows() && marks.cols() == map.value.cols());
-  const float z = std::min(threshold_sigmas, 1e18F);  // keeps its square finite
+  const float z = std::min(threshold_sigmas, 1e18F);  // This keeps z² finite.
   const float minimum = z * z;
   for (std::size_t k = 0; k < marks.size(); ++k) {
     const float value = map.value[k];

@@ -61,9 +61,9 @@ double peak_probability(double z, CellNeighbours neighbours) {
 
 double threshold_sigmas(double rate, double n_cells, CellNeighbours neighbours) {
   if (n_cells <= 0.0) return std::numeric_limits<double>::infinity();
-  const double wanted = std::max(0.5 * rate / n_cells, 1e-300);  // least that erfc can express
+  const double wanted = std::max(0.5 * rate / n_cells, 1e-300);  // the least that erfc can express
   if (wanted >= peak_probability(0.0, neighbours)) return 0.0;
-  double z = gaussian_tail_inverse(wanted);  // a little too high, as it ignores neighbours
+  double z = gaussian_tail_inverse(wanted);  // This is a little too high without neighbours.
   for (int step = 0; step < kMaxSteps; ++step) {
     const double p = peak_probability(z, neighbours);
     const double slope = gaussian_density(z) * no_neighbour_above(z, neighbours);

@@ -20,7 +20,7 @@ double log_of_ratio(double whole, double r) {
 VortexKernel::VortexKernel(Morphology morphology) {
   double alpha = std::remainder(morphology.alpha_rad, 2.0 * std::numbers::pi);
   double beta = morphology.beta_rad;
-  if (alpha < 0.0) {  // because (−α, β) and (α, β+π) have the same A, B and C
+  if (alpha < 0.0) {  // (−α, β) and (α, β+π) have the same A, B and C.
     alpha = -alpha;
     beta += std::numbers::pi;
   }
@@ -122,7 +122,7 @@ double VortexKernel::peak_circulation() const {
   const double t3 = std::atan2(c_, a_plus_ + b_);
   const double t4 = std::atan2(c_, a_minus_ + b_);
   const double a = 0.5 * (a_plus_ - a_minus_);
-  const double four = 4.0 * (a * a + c_ * c_);  // is 4(1 − B²) without cancellation
+  const double four = 4.0 * (a * a + c_ * c_);  // 4(1 − B²) without cancellation
   return t1 + t2 + t3 + t4 + (b_ / a_minus_) * (t1 - t3) + (b_ / a_plus_) * (t2 - t4) +
          0.5 * c_ / a_minus_ * std::log(four / squared(a_plus_)) +
          0.5 * c_ / a_plus_ * std::log(four / squared(a_minus_));

@@ -15,7 +15,7 @@ constexpr std::int32_t kFar = std::numeric_limits<std::int32_t>::max() / 4;
 // This limit is generous: where 250 residues had 40 possible partners each, cuts were as short with
 // 64, and 12 were too few.
 constexpr std::size_t kMaxPartners = 128;
-constexpr std::int8_t kSource = 4;  // value of came_by where the path begins, and has no side
+constexpr std::int8_t kSource = 4;  // value of came_by where the path begins
 
 /// The sides of a cell are top, right, bottom and left. The way round the cell runs along its top
 /// edge to the right and down its right edge. It passes the other two edges against their sense,
@@ -262,7 +262,7 @@ class Cutter {
       const int side = contact % 4;
       const std::int32_t other = beyond(cell, side);
       const bool forward = ws_.owner[as_size(cell)] == from;
-      const int carried = forward ? charge : -charge;  // carried from `cell` to `other`
+      const int carried = forward ? charge : -charge;  // charge carried from `cell` to `other`
       carry(cell, side, carried);
       retrace(cell, -carried);
       if (other >= 0) retrace(other, carried);

@@ -60,7 +60,7 @@ class Splitter {
         continue;
       }
       const float variance = 0.5F * (slopes_.variance_x[k] + slopes_.variance_y[k]);
-      if (!(variance > 0.0F) || !std::isfinite(variance)) equal_ = true;  // no noise is known
+      if (!(variance > 0.0F) || !std::isfinite(variance)) equal_ = true;  // No noise is known.
       if (!equal_) sum += 1.0 / static_cast<double>(variance);
     }
     if (equal_) return;
@@ -148,7 +148,7 @@ class Splitter {
         ws_.direction_[i] = ws_.solved_[i] + beta * ws_.direction_[i];
       const double curvature = apply_direction();
       if (!(curvature > 0.0)) {
-        split_.converged = curvature == 0.0;  // NaN: slopes too large for float
+        split_.converged = curvature == 0.0;  // NaN means that slopes are too large for float.
         return;
       }
       const auto alpha = static_cast<float>(energy / curvature);

@@ -10,7 +10,7 @@
 namespace curlew {
 namespace {
 
-constexpr int kOutsides = 2;  // faces 0 and 1 lie outside the pupil
+constexpr int kOutsides = 2;  // Faces 0 and 1 lie outside the pupil.
 
 Lattice lattice_of(const Image<std::uint8_t>& valid) {
   Lattice lattice(valid.rows(), valid.cols());

@@ -58,7 +58,7 @@ void evaluate_all(const PointVortex* vortices, std::size_t n, float softening, i
         const V inverse2 = hn::Mul(inverse, inverse);
         gx = hn::NegMulAdd(dy, inverse2, gx);
         gy = hn::MulAdd(hn::Mul(charge, dx), inverse2, gy);
-        const V u = hn::Mul(dx, inverse);  // shorter than 1, because r2 holds the softening
+        const V u = hn::Mul(dx, inverse);  // It is shorter than 1, for r2 holds the softening.
         const V w = hn::Mul(dy, inverse);
         const V turned = hn::NegMulAdd(im, w, hn::Mul(re, u));
         im = hn::MulAdd(re, w, hn::Mul(im, u));

@@ -49,7 +49,7 @@ void adopt_flat(Sensor& sensor, const CalibrationInput& input) {
   for (float& response : sensor.flat) response /= mean;
 }
 
-/// Returns the reference as the kernel sees it: the dark is subtracted, and the flat divides.
+/// Returns the reference as the kernel sees it: with the dark subtracted, and divided by the flat.
 Image<float> correct(const Image<float>& reference, const Sensor& sensor) {
   Image<float> out = reference;
   for (std::size_t i = 0; i < out.size(); ++i) {
@@ -107,7 +107,7 @@ void note_saturation(const CalibrationInput& input, std::vector<std::string>& no
 /// Returns the side of the widest square window that leaves neighbours apart, whichever way the
 /// grid is turned.
 int window_side(const LensletGrid& grid) {
-  constexpr double kTolerancePx = 0.1;  // because a pitch of 6 may be fitted as 5.9998
+  constexpr double kTolerancePx = 0.1;  // A pitch of 6 may be fitted as 5.9998.
   const double apart = std::min(std::max(std::abs(grid.p11), std::abs(grid.p21)),
                                 std::max(std::abs(grid.p12), std::abs(grid.p22)));
   return std::max(static_cast<int>(std::floor(apart + kTolerancePx)), 2);

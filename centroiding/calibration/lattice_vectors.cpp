@@ -231,7 +231,7 @@ void reduce(LatticeVectors& v) {
 }
 
 /// Fits a and b to the autocorrelation's peaks at m·a + n·b. Peaks ever farther out are taken in,
-/// because at m times a the error of a pixel counts only as its m-th part.
+/// because at m·a an error of a pixel changes a by only 1/m pixels.
 void refine(LatticeVectors& v, const Lags& lags, double min_height) {
   for (int order = 1; order <= 8; ++order) {
     double mm = 0.0;

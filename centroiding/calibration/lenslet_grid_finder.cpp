@@ -20,13 +20,15 @@
 namespace curlew {
 namespace {
 
-// A lit lenslet must pass four tests. It stands kSpotNoises out of the noise. It has more than this
-// fraction of its neighbours' height, because they spill less, and a sliver of a lenslet has less.
+// A lit lenslet must pass four tests. First, it stands kSpotNoises out of the noise. Second, it has
+// more than this fraction of its neighbours' height, which is more than they spill onto it, and
+// more than a sliver of a lenslet has.
 constexpr double kMinOfNearby = 0.12;
-// It has more than this fraction of the typical height of all spots, because a ghost far out has
-// less.
+// Third, it has more than this fraction of the typical height of all spots, which is more than a
+// ghost far out has.
 constexpr double kMinOfAll = 0.004;
-// It is not sharper than the typical spot over this number, because only a hot spot is.
+// Fourth, its sharpness is at most that of the typical spot over this number. A hot spot is
+// sharper.
 constexpr double kMinSharpness = 0.35;
 // Beyond this anisotropy the pixels are not square or the grid is sheared.
 constexpr double kMaxAnisotropy = 0.04;

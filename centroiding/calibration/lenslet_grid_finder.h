@@ -34,7 +34,7 @@ FoundGrid find_lenslet_grid(const Image<float>& reference_adu, const Image<std::
 /// This is the level and noise of an image midway between four spots, where there is least light.
 struct Level {
   double median_adu = 0.0;
-  double noise_adu = 0.0;  ///< of one pixel, from differences of neighbours
+  double noise_adu = 0.0;  ///< noise of one pixel, from differences of neighbours
 };
 
 /// Measures the level and noise between the spots; one frame of a recording tells its read noise

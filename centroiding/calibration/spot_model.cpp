@@ -21,7 +21,7 @@ double threshold_of(const SpotView& view, const std::vector<double>& x,
 
 /// Returns what a pixel's light yields above the threshold, averaged over the noise.
 double mean_signal(double light, double threshold, const SpotView& view) {
-  // This is in standard deviations. What is left out beyond it is below 1e-9 of one.
+  // This is in standard deviations. What is left out beyond it is below 1e-9 standard deviations.
   constexpr double kCertain = 6.0;
   const double u = light - threshold;
   const double sigma = std::sqrt(view.noise_adu * view.noise_adu + view.adu_per_e * light);

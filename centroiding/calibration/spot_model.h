@@ -70,8 +70,8 @@ class SpotModel {
  private:
   std::vector<double> shares(double centre, int first, int n) const;
 
-  double step_ = 0.0;           // between frequencies, in cycles per px
-  std::vector<double> weight_;  // of every frequency, times the weight of the quadrature
+  double step_ = 0.0;           // step between frequencies, cycles per px
+  std::vector<double> weight_;  // weights of the frequencies, times those of the quadrature
 };
 
 }  // namespace curlew

@@ -35,7 +35,7 @@ void remove_hot_pixels(Image<float>& image, double noise_adu) {
     for (int c = 0; c < image.cols(); ++c) {
       float sum = 0.0F;
       float largest = -std::numeric_limits<float>::max();
-      float second = largest;  // because a hot pixel may have one hot neighbour
+      float second = largest;  // A hot pixel may have one hot neighbour.
       float n = 0.0F;
       for_each_neighbour(before, r, c, [&](float v) {
         sum += v;

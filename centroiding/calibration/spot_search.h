@@ -18,7 +18,7 @@ struct Spot {
   double y = 0.0;          ///< px, row
   double height = 0.0;     ///< ADU above the surroundings, in the smoothed picture
   double sharpness = 0.0;  ///< peak of the unsmoothed pixels over height
-  bool cut = false;        ///< by the frame's rim, which shifts the centre of mass
+  bool cut = false;        ///< true if the frame's rim cuts it, which shifts its centre of mass
 };
 
 /// Spots are sought in this scene. Both images are [rows, cols] of the frame.

@@ -25,7 +25,7 @@ struct WindowMeasurement {
   double x_px = 0.0;      ///< centre of gravity on the frame
   double y_px = 0.0;
   double spread_px2 = 0.0;   ///< central second moments, x and y together
-  WindowGain gain;           ///< see measure_window
+  WindowGain gain;           ///< described at measure_window()
   bool gain_is_sure = true;  ///< The gain's standard deviation is at most 0.1.
 };
 

@@ -54,12 +54,13 @@ inline constexpr float kMinLogScale = -1.0F;
 inline constexpr float kMaxLogScale = 4.0F;
 
 /// Holds the layers of four parts:
-/// - The encoder makes kCode numbers of kSpotFeatures.
-/// - The head makes two NodeOutput (charge +1, then −1) and a PairOutput of kPatchLenslets·kCode.
+/// - The encoder turns kSpotFeatures numbers into kCode.
+/// - The head turns kPatchLenslets·kCode numbers into two NodeOutput (charge +1, then −1) and a
+///   PairOutput.
 /// - The scout says from centroids and circulation alone whether a node deserves the others. It
-///   makes a logit and padding of kScoutFeatures.
-/// - The screen says the same from the codes of the inner kScreenPatch² lenslets alone. It makes a
-///   logit and padding of these.
+///   turns kScoutFeatures numbers into a logit and padding.
+/// - The screen says the same from the codes of the inner kScreenPatch² lenslets alone. It turns
+///   these into a logit and padding.
 struct ClassifierNetwork {
   static constexpr int kEncoderEnd = 2;
   static constexpr int kHeadEnd = 5;

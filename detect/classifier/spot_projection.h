@@ -11,7 +11,7 @@
 namespace curlew {
 
 inline constexpr int kProjectionOrders = 6;
-inline constexpr int kProjectionLanes = 8;                 ///< of a row of the table: orders, 1, 0
+inline constexpr int kProjectionLanes = 8;                 ///< row of the table: orders, 1, 0
 inline constexpr int kProjectionOnes = kProjectionOrders;  ///< the lane that is 1
 /// So many floats may be written past the last window's modes.
 inline constexpr int kProjectionSlack = kProjectionLanes;
@@ -37,7 +37,7 @@ struct ProjectedWindow {
   std::int32_t h = 0;
   std::int32_t along_x = 0;  ///< index in the table of the functions at the first column
   std::int32_t along_y = 0;  ///< index in the table of the functions at the first row
-  float read_noise = 0;      ///< of the whole window, electrons
+  float read_noise = 0;      ///< read noise of the whole window, electrons
 };
 
 /// Returns the electrons of a window whose signals sum to `total`. Only the read noise keeps them

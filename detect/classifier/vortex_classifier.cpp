@@ -48,7 +48,8 @@ const float* apply_layers(const ClassifierNetwork& network, int first, int last,
   return in;
 }
 
-/// Chooses the nodes of which at most one lenslet is missing and to which the scout gives enough.
+/// Chooses the nodes of which at most one lenslet is missing and to which the scout gives at least
+/// min_scout.
 void choose_nodes(const ClassifierPlan& plan, const Centroids& centroids,
                   const CirculationMap& circulation, float mean,
                   ClassifierWorkspace& workspace) noexcept {
@@ -201,7 +202,7 @@ void find_patches(const ClassifierPlan& plan, const std::int32_t* nodes, int n, 
     starts[i] = nodes[i] / node_cols * row_step + nodes[i] % node_cols * kCode;
 }
 
-/// Keeps only the nodes to which the screen gives enough by their inner lenslets.
+/// Keeps only the nodes to which the screen, from their inner lenslets, gives at least min_screen.
 void screen_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noexcept {
   constexpr int kFirst = ClassifierNetwork::kScoutEnd;
   constexpr int kInset = (kPatch - kScreenPatch) / 2;

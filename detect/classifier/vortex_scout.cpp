@@ -29,7 +29,7 @@ ScoutWorkspace::ScoutWorkspace(int rows, int cols)
       bias(static_cast<std::size_t>(features.cols())) {}
 
 float mean_flux(const Centroids& centroids) noexcept {
-  constexpr std::size_t kLanes = 8;  // side by side, so that the compiler makes vectors of them
+  constexpr std::size_t kLanes = 8;  // Lanes let the compiler make vectors.
   std::array<float, kLanes> sums{};
   std::array<float, kLanes> counts{};
   const std::size_t n = centroids.state.size();

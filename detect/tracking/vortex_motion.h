@@ -1,5 +1,5 @@
-// This file declares how vortices move. A Kalman filter for each says where it is by all that was
-// seen of it.
+// This file declares how vortices move. A Kalman filter for each vortex gives its place from all
+// that was seen of it.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,7 +9,7 @@
 
 namespace curlew {
 
-/// Says what some time does to every vortex.
+/// Holds what a step of time does to every vortex.
 struct MotionStep {
   float dt;       ///< time, s
   float stays;    ///< part of a vortex's own velocity that stays
@@ -18,7 +18,7 @@ struct MotionStep {
   Eigen::Vector2f drift;
 };
 
-/// Says what a measured position adds to the predicted one.
+/// Holds what a measured position adds to the predicted one.
 struct Innovation {
   Eigen::Vector2f off;      ///< measured less predicted position, pitches
   Eigen::Matrix2f inverse;  ///< inverse of the covariance S of `off`

@@ -67,7 +67,7 @@ class VortexTracker {
   };
   struct Observation {
     float log_odds = 0;
-    float birth_log_odds = 0;  // for a vortex that no track has yet
+    float birth_log_odds = 0;  // log odds of a vortex that no track has yet
     Eigen::Matrix2f covariance = Eigen::Matrix2f::Zero();
     std::int32_t track = -1;
   };
@@ -109,7 +109,7 @@ class VortexTracker {
   std::int64_t next_id_ = 0;
   std::int64_t overflow_ = 0;
   double time_s_ = 0;
-  int frames_ = 0;       // since the last reset
+  int frames_ = 0;       // number of frames since the last reset
   float density_ = 0;    // vortices of one charge a square pitch
   float detection_ = 0;  // P_D
   float births_ = 0;     // candidates a frame that begin tracks

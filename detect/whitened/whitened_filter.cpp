@@ -9,8 +9,8 @@ namespace {
 
 constexpr float kBrightFraction = 0.3F;  // of the mean flux; brighter lenslets tell the noise
 
-// These take values and not references, because of a loop with std::max the compiler makes no
-// vectors.
+// These take values and not references, because the compiler makes no vectors of a loop with
+// std::max.
 inline float larger(float a, float b) noexcept { return a < b ? b : a; }
 inline float smaller(float a, float b) noexcept { return b < a ? b : a; }
 

@@ -64,7 +64,7 @@ void fill_planes(const SlopeField& slopes, const Image<float>& flux_adu,
 /// A node must reach at least this to be worth a closer look.
 struct FirstLook {
   VortexPattern pattern{};
-  float min_t_squared = 0;  ///< for |t| if all lenslets were as noisy as one of mean flux
+  float min_t_squared = 0;  ///< least t² if all lenslets were as noisy as one of mean flux
   // The second condition is z ≥ offset − per_darkness·darkness +
   // per_log_information·ln(information).
   float offset = 0;

@@ -21,7 +21,7 @@ constexpr float kFirstLookPart = 0.7F;       // of the threshold, for a t that k
 constexpr int kPairReach = 2;                // nodes along an axis between the two of a pair
 constexpr float kWidestPair = 1.25F;         // pitches
 constexpr float kAlike = 0.6F;               // least ratio of the z of the two of a pair
-constexpr float kMaxVariance = 1.0F / 3.0F;  // pitches²; may be anywhere within a pitch
+constexpr float kMaxVariance = 1.0F / 3.0F;  // pitches²; a position anywhere within a pitch has it
 
 void check(const WhitenedOptions& options) {
   if (!(options.min_probability > 0.0 && options.min_probability < 1.0)) {
@@ -80,7 +80,7 @@ CellNeighbours correlate(const VortexPattern& pattern) {
 }
 
 struct Odds {
-  float offset;  // includes the term of the frame's noise
+  float offset;  // log odds with the term of the frame's noise
   float per_sigma;
   float per_darkness;
   float per_log_information;
@@ -381,7 +381,7 @@ void find_whitened_vortices(const WhitenedPlan& plan, const SlopeField& slopes,
     seen[i].vortex = merge(seen[i].vortex, other.vortex);
     seen[i].log_odds = std::min(seen[i].log_odds, other.log_odds);
     other.partner = -1;
-    other.charge = 0;  // because the pair has taken its place
+    other.charge = 0;  // The pair has taken its place.
   }
   std::sort(seen.begin(), seen.end(), [](const Sighting& a, const Sighting& b) {
     if (a.log_odds != b.log_odds) return a.log_odds > b.log_odds;

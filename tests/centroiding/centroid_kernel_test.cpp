@@ -147,7 +147,7 @@ TEST_F(EveryTarget, EqualsPlainArithmeticForClippedAndOverlappingWindows) {
 TEST_F(EveryTarget, FramesNarrowerThanAVectorAreRead) {
   for (int window = 2; window <= 6; ++window) {
     std::mt19937_64 random(11);
-    Scene scene = make_scene(window, PixelType::kU8, false, random);  // has 6 to 18 columns
+    Scene scene = make_scene(window, PixelType::kU8, false, random);  // It has 6 to 18 columns.
     for_every_target([&] { expect_equal(scene, {.threshold_adu = 25.0}); });
   }
 }
@@ -223,10 +223,10 @@ TEST_F(Spots, AGaussianHasItsMoments) {
 TEST_F(Spots, SaysWhatIsWrong) {
   scene.sensor.detector.saturation_adu = 4000.0;
   scene.sensor.valid(0, 0) = 0;
-  scene.set(5, 12 + 5, 4000);       // saturates a pixel
-  scene.set(5, 24 + 11, 2000);      // lies at the edge
-  scene.set(12 + 5, 5, 3);          // is faint
-  scene.set(12 + 5, 12 + 5, 3999);  // is fine
+  scene.set(5, 12 + 5, 4000);       // It saturates a pixel.
+  scene.set(5, 24 + 11, 2000);      // It lies at the edge.
+  scene.set(12 + 5, 5, 3);          // It is faint.
+  scene.set(12 + 5, 12 + 5, 3999);  // It is fine.
   scene.sensor.bad_pixel = Image<std::uint8_t>(24, 36);
   for (int y = 12; y < 16; ++y) {
     // A third of the window is bad.
@@ -282,7 +282,7 @@ TEST_F(Spots, CalibrationMapsUndoWhatTheDetectorDid) {
   raw.sensor.flat = Image<float>(24, 36);
   for (std::size_t i = 0; i < raw.u16.size(); ++i) {
     const int dark = 10 + static_cast<int>(i % 7);
-    const int response = 1 + static_cast<int>(i % 2);  // is whole, so that counts stay whole
+    const int response = 1 + static_cast<int>(i % 2);  // It is whole, so that counts stay whole.
     raw.sensor.dark_adu[i] = static_cast<float>(dark);
     raw.sensor.flat[i] = static_cast<float>(response);
     raw.u16[i] = static_cast<std::uint16_t>((truth.u16[i] - 10) * response + dark);
@@ -301,7 +301,7 @@ TEST_F(Spots, CalibrationMapsUndoWhatTheDetectorDid) {
 TEST_F(Spots, AnAffineMapOfTheCountsChangesNothingPhysical) {
   std::mt19937_64 random(6);
   const Scene plain = make_scene(12, PixelType::kU16, true, random);
-  Scene mapped = plain;  // counts are 4·ADU + 800
+  Scene mapped = plain;  // Its counts are 4·ADU + 800.
   mapped.format.scale_adu = 0.25;
   mapped.format.zero_adu = -200.0;
   for (auto& pixel : mapped.u16) pixel = static_cast<std::uint16_t>(4 * pixel + 800);
@@ -310,7 +310,7 @@ TEST_F(Spots, AnAffineMapOfTheCountsChangesNothingPhysical) {
   find_centroids(CentroidPlan(plain.sensor, plain.format, options), plain.view(), want);
   find_centroids(CentroidPlan(mapped.sensor, mapped.format, options), mapped.view(), got);
   for (std::size_t k = 0; k < 6; ++k) {
-    EXPECT_NEAR(got.x_px[k], want.x_px[k], 1e-5);  // allows a few roundings of 40 px
+    EXPECT_NEAR(got.x_px[k], want.x_px[k], 1e-5);  // This allows a few roundings of 40 px.
     EXPECT_NEAR(got.flux_adu[k] / want.flux_adu[k], 1.0, 1e-5);
     // The finer counts are quantised less: that takes 1/12 count² off some 25 counts² of noise.
     EXPECT_NEAR(got.variance_x_px2[k] / want.variance_x_px2[k], 1.0, 0.01);

@@ -32,7 +32,7 @@ constexpr double kDarkAdu = 10.0;
 struct Scene {
   Scene(CentroidMethod method, int rows, int cols, int window_px)
       : sensor(tiled_sensor({rows, cols, window_px})), window(window_px) {
-    sensor.optics = {};  // λ/w is not known
+    sensor.optics = {};  // λ/w is not known.
     sensor.background_adu = kDarkAdu;
     sensor.detector = {.e_per_adu = 1.0, .read_noise_e = 2.0};
     sensor.detector.saturation_adu = kUnknown;
@@ -129,7 +129,7 @@ TEST_P(Methods, MirroredAndTransposedPicturesAreMirroredAndTransposed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     std::mt19937 random(seed);
     std::normal_distribution<double> normal;
-    Image<double> light(window, window);  // holds two spots and noise
+    Image<double> light(window, window);  // It holds two spots and noise.
     const Light a = gaussian(400.0, 1.0, window, 0.8 * normal(random), 0.8 * normal(random));
     const Light b = gaussian(300.0, 1.0, window, 0.8 * normal(random), 0.8 * normal(random));
     for (int i = 0; i < window; ++i)
@@ -161,7 +161,7 @@ TEST_P(Methods, MirroredAndTransposedPicturesAreMirroredAndTransposed) {
 TEST_P(Methods, BrightnessAloneChangesNothing) {
   const int window = 8;
   Scene scene(GetParam(), 1, 4, window);
-  scene.sensor.detector.read_noise_e = 0.0;  // makes no pull and no threshold
+  scene.sensor.detector.read_noise_e = 0.0;  // This makes no pull and no threshold.
   scene.sensor.detector.e_per_adu = kUnknown;
   scene.options.threshold_noise = 0.0;
   std::mt19937 random(3);
@@ -177,7 +177,7 @@ TEST_P(Methods, BrightnessAloneChangesNothing) {
     EXPECT_NEAR(scene.dx(c, 0, k), scene.dx(c, 0, 0), 2e-4);
     EXPECT_NEAR(scene.dy(c, 0, k), scene.dy(c, 0, 0), 2e-4);
   }
-  EXPECT_EQ(c.variance_x_px2(0, 0), 0.0F);  // because the noise is not known
+  EXPECT_EQ(c.variance_x_px2(0, 0), 0.0F);  // The noise is not known.
 }
 
 TEST_P(Methods, TheVarianceClaimedIsTheVarianceMeasured) {
@@ -321,7 +321,7 @@ TEST_P(Methods, EveryInstructionSetFindsTheSame) {
       scene.draw(r, c, [&](int i, int j) { return spot(i, j) + noise(random); });
     }
   }
-  scene.sensor.window(1, 1).w = 7;  // makes windows of several sizes in one group
+  scene.sensor.window(1, 1).w = 7;  // One group has windows of several sizes.
   scene.sensor.window(1, 2).h = 6;
   const Centroids want = scene.find();
   ASSERT_EQ(want.n_valid, 15);
@@ -417,7 +417,7 @@ TEST(CentroidMethods, PlainIsThresholdedAtNothing) {
   scene.options.threshold_adu = 100.0;
   const Centroids plain = scene.find();
   scene.options = {.threshold_noise = 0.0, .min_snr = 0.0};
-  const Centroids thresholded = scene.find();  // uses the same sensor
+  const Centroids thresholded = scene.find();  // The sensor is the same.
   EXPECT_EQ(plain.x_px(0, 0), thresholded.x_px(0, 0));
   EXPECT_EQ(plain.flux_adu(0, 0), thresholded.flux_adu(0, 0));
 }

@@ -24,7 +24,7 @@ inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& for
   const double e_per_count = sensor.detector.e_per_adu * format.scale_adu;
   const double read_noise = sensor.detector.read_noise_e / e_per_count;
   struct Pixel {
-    double x, y, gain, light;  // `light` is calibrated counts above the background
+    double x, y, gain, light;  // `light` is in calibrated counts above the background.
   };
   std::vector<Pixel> pixels;
   double peak = 0;

@@ -275,7 +275,7 @@ TEST(VortexFinder, AnInsignificantNeighbourDoesNotSuppress) {
   map.variance.fill(0.01F);
   map.value(4, 4) = 2.0F;
   map.value(4, 5) = 3.0F;
-  map.variance(4, 5) = 25.0F;  // as of a lenslet that is nearly dark
+  map.variance(4, 5) = 25.0F;  // A nearly dark lenslet has as much.
   VortexList vortices(64);
   find_circulation_vortices(plan, map, vortices);
   ASSERT_EQ(vortices.size(), 1U);

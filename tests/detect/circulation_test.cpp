@@ -148,7 +148,7 @@ TEST(Circulation, RandomMasksAndVariancesAgainstTheFormula) {
         }
         const float d = 0.5F * (s.x(r, c) + s.x(r, c + 1) + s.y(r, c + 1) + s.y(r + 1, c + 1) -
                                 s.x(r + 1, c + 1) - s.x(r + 1, c) - s.y(r + 1, c) - s.y(r, c));
-        ASSERT_NEAR(map.value(r, c), d, 5e-6F);  // allows another order of the float sums
+        ASSERT_NEAR(map.value(r, c), d, 5e-6F);  // This allows another order of the float sums.
       }
     }
     EXPECT_EQ(map.n_valid, n_valid);
@@ -187,10 +187,10 @@ TEST(Circulation, WhiteNoiseCorrelations) {
     for (std::size_t k = 0; k < a.size(); ++k) sum += a[k] * b[k];
     return sum;
   };
-  EXPECT_DOUBLE_EQ(covariance(2, 2, 2, 2), 2.0);  // σ_D is √2 σ
+  EXPECT_DOUBLE_EQ(covariance(2, 2, 2, 2), 2.0);  // σ_D is √2 σ.
   EXPECT_DOUBLE_EQ(covariance(2, 2, 2, 3), 0.0);
   EXPECT_DOUBLE_EQ(covariance(2, 2, 3, 2), 0.0);
-  EXPECT_DOUBLE_EQ(covariance(2, 2, 3, 3), -0.5);  // is −¼ of 2
+  EXPECT_DOUBLE_EQ(covariance(2, 2, 3, 3), -0.5);  // This is −¼ of 2.
   EXPECT_DOUBLE_EQ(covariance(2, 2, 3, 1), -0.5);
   EXPECT_DOUBLE_EQ(covariance(2, 2, 2, 4), 0.0);
   const auto block_variance = [&](int n) {
@@ -202,8 +202,8 @@ TEST(Circulation, WhiteNoiseCorrelations) {
     }
     return sum;
   };
-  EXPECT_DOUBLE_EQ(block_variance(3), 10.0);  // σ of the sum is √10 σ
-  EXPECT_DOUBLE_EQ(block_variance(2), 6.0);   // σ of the sum is √6 σ
+  EXPECT_DOUBLE_EQ(block_variance(3), 10.0);  // The sum's σ is √10 σ.
+  EXPECT_DOUBLE_EQ(block_variance(2), 6.0);   // The sum's σ is √6 σ.
 }
 
 TEST(Circulation, RowByRowEqualsWhole) {

@@ -52,7 +52,7 @@ TEST(FalseAlarms, ALoneCellHasNobodyToSuppressIt) {
 
 TEST(FalseAlarms, Extremes) {
   EXPECT_TRUE(std::isinf(threshold_sigmas(0.01, 0)));
-  EXPECT_EQ(threshold_sigmas(1e6, 9), 0.0);  // is more than noise can make
+  EXPECT_EQ(threshold_sigmas(1e6, 9), 0.0);  // This is more than noise can make.
   EXPECT_GT(threshold_sigmas(1e-12, 6241), 8.0);
   EXPECT_TRUE(std::isfinite(threshold_sigmas(1e-200, 6241)));
   EXPECT_LT(threshold_sigmas(0.1, 100), threshold_sigmas(0.1, 101));

@@ -224,14 +224,15 @@ double quadrature_circulation(Morphology m, double mu, double nu) {
 }
 
 TEST(PaperErrors, PeaksOfFigures7And8) {
-  EXPECT_NEAR(quadrature_circulation(kFigure7, 0, 0), 4.319620, 1e-6);  // the paper says about 4.5
-  EXPECT_NEAR(quadrature_circulation(kFigure8, 0, 0), 5.524402, 1e-6);  // the paper says about 5
+  // The paper says about 4.5 and about 5.
+  EXPECT_NEAR(quadrature_circulation(kFigure7, 0, 0), 4.319620, 1e-6);
+  EXPECT_NEAR(quadrature_circulation(kFigure8, 0, 0), 5.524402, 1e-6);
 }
 
 TEST(PaperErrors, SlowAxisOfFigure8) {
   // On ν = +μ the factor |u| grows slowest, and there D reaches farthest.
   const VortexKernel kernel(kFigure8);
-  const auto u2 = [](double x, double y) {  // is |ξz + ζz̄|²
+  const auto u2 = [](double x, double y) {  // It is |ξz + ζz̄|².
     const auto xi = std::polar(std::cos(2 * kPi / 9), kPi / 4);
     const auto zeta = std::polar(std::sin(2 * kPi / 9), -kPi / 4);
     const std::complex<double> z(x, y);

@@ -82,7 +82,7 @@ std::array<double, 2> quadrature_mean(Morphology m, double x0, double y0, double
   const double area = (x1 - x0) * (y1 - y0);
   for (const std::size_t axis : {std::size_t{0}, std::size_t{1}}) {
     const auto side = [&](bool upright, double at, double from, double to) {
-      if (at == 0.0) return 0.0;  // because r·n = 0 there
+      if (at == 0.0) return 0.0;  // r·n = 0 there.
       const auto f = [&](double s) {
         return upright ? gradient_of(m, at, s)[axis] : gradient_of(m, s, at)[axis];
       };
@@ -205,7 +205,7 @@ TEST(VortexKernel, DiagonalValueMinimumAndZero) {
       EXPECT_NEAR(kernel.circulation(t, u), -0.3966410308617583, 1e-14);
     }
   }
-  double low = 0.8;  // finds the zero on the diagonal by bisection
+  double low = 0.8;  // Bisection finds the zero on the diagonal.
   double high = 0.85;
   for (int i = 0; i < 60; ++i) {
     const double middle = 0.5 * (low + high);
@@ -230,7 +230,7 @@ TEST(VortexKernel, DiagonalValueMinimumAndZero) {
       }
     }
   }
-  EXPECT_NEAR(at_t, 0.97, 0.026);  // allows the grid's step
+  EXPECT_NEAR(at_t, 0.97, 0.026);  // This allows the grid's step.
   EXPECT_NEAR(at_u, 1.0, 0.026);
   double a = 0.9;
   double b = 1.0;
@@ -273,7 +273,7 @@ TEST(VortexKernel, SumsOverAllPositions) {
     for (int j = 0; j <= kSteps; ++j) {
       const double t = -0.5 + static_cast<double>(i) / kSteps;
       const double u = -0.5 + static_cast<double>(j) / kSteps;
-      double four = 0.0;  // here (t, u) is taken from a lenslet's centre
+      double four = 0.0;  // Here (t, u) is taken from a lenslet's centre.
       for (const double dx : {-0.5, 0.5}) {
         for (const double dy : {-0.5, 0.5}) four += kernel.circulation(t + dx, u + dy);
       }
@@ -294,7 +294,7 @@ TEST(VortexKernel, SumsOverAllPositions) {
   EXPECT_NEAR(minimum[3], 6.2294, kHalf4);
   EXPECT_NEAR(maximum[3], 6.2299, kHalf4);
 
-  double mean = 0.0;  // by the midpoint rule
+  double mean = 0.0;  // This is the midpoint rule.
   for (int i = 0; i < kSteps; ++i) {
     for (int j = 0; j < kSteps; ++j) {
       mean += kernel.circulation(-0.5 + (i + 0.5) / kSteps, -0.5 + (j + 0.5) / kSteps);
@@ -348,7 +348,7 @@ TEST(VortexKernel, MeanGradientEqualsQuadrature) {
                  " x0 " + std::to_string(x0) + " y0 " + std::to_string(y0));
     const auto closed = VortexKernel(m).mean_gradient(x0, y0, x1, y1);
     const auto numeric = quadrature_mean(m, x0, y0, x1, y1);
-    // The quadrature errs by 1e-14 a side, and so does the closed form's rounding. Both are divided
+    // The quadrature errs by 1e-14 a side, and the closed form is rounded. Both errors are divided
     // by an area down to .01.
     EXPECT_NEAR(closed[0], numeric[0], 2e-11);
     EXPECT_NEAR(closed[1], numeric[1], 2e-11);

@@ -100,7 +100,7 @@ TEST(BranchCuts, EveryLoopButThoseOfVorticesAddsUpToNothing) {
     const Unwrapped unwrapped(wrapped, flux, Image<std::uint8_t>(n, n, 1));
     int charge = 0;
     for (const auto& residue : unwrapped.workspace.residues) charge += residue.charge;
-    EXPECT_EQ(charge, 1) << "trial " << trial;  // all nine lie inside
+    EXPECT_EQ(charge, 1) << "trial " << trial;  // All nine lie inside.
     EXPECT_FALSE(unwrapped.workspace.cuts.empty());
     expect_torn_at_cuts_only(wrapped, unwrapped);
   }
@@ -120,7 +120,7 @@ TEST(BranchCuts, RunThroughTheDark) {
   const Unwrapped dark(wrapped, flux, valid);
   ASSERT_EQ(dark.workspace.residues.size(), 2U);
   EXPECT_EQ(dark.workspace.light_cut, 0.0);
-  EXPECT_EQ(dark.workspace.cuts.size(), 6U + 7U + 6U);  // down, across and up
+  EXPECT_EQ(dark.workspace.cuts.size(), 6U + 7U + 6U);  // The cut goes down, across and up.
   expect_torn_at_cuts_only(wrapped, dark);
   // In even light the cut goes straight.
   const Unwrapped even(wrapped, Image<float>(n, n, 100.0F), valid);
@@ -137,7 +137,7 @@ TEST(BranchCuts, EndAtThePupilsEdgeWhereThatIsNearer) {
   const Image<float> one = wrapped_phase(n, {{4.5F, 10.5F, 1.0F}});
   const Unwrapped single(one, flux, valid);
   ASSERT_EQ(single.workspace.residues.size(), 1U);
-  EXPECT_EQ(single.workspace.light_cut, 400.0);  // columns 4 and 3 of two rows
+  EXPECT_EQ(single.workspace.light_cut, 400.0);  // It cuts columns 4 and 3 of two rows.
   expect_torn_at_cuts_only(one, single);
   // Opposite vortices far from each other are each joined with the edge near it. Near each other
   // they are joined.

@@ -192,7 +192,7 @@ TEST(Split, AFadeThatSplitsAComponent) {
   const Mask mask = pupil_from({"###.###", "#######", "###.###"});
   std::mt19937 random(7004);
   SlopeField slopes = random_slopes(mask, random);
-  slopes.valid(1, 3) = 0;  // takes the bridge away
+  slopes.valid(1, 3) = 0;  // This takes the bridge away.
   slopes.x(1, 3) = slopes.y(1, 3) = 0.0F;
   const HodgeSplit split = split_of(mask, slopes);
   EXPECT_TRUE(split.converged);

@@ -136,7 +136,7 @@ TEST(Calibrate, SaysWhatItHadToEstimate) {
   CalibrationInput input;
   input.reference_adu = drawn.draw();
   Calibration calibration = calibrate_sensor(input);
-  EXPECT_EQ(calibration.notes.size(), 3U);  // are about dark, e⁻ per ADU and read noise
+  EXPECT_EQ(calibration.notes.size(), 3U);  // They are about dark, e⁻ per ADU and read noise.
   // Some 5,000 pixels lie midway between spots. They give an error of 1.2 % for the scatter and of
   // 1.25·3/√5000 = .05 for the median. The limits are five σ.
   EXPECT_NEAR(calibration.sensor.detector.read_noise_e, 3.0, 0.2);
@@ -148,7 +148,7 @@ TEST(Calibrate, SaysWhatItHadToEstimate) {
   input.detector.e_per_adu = 2.0;
   calibration = calibrate_sensor(input);
   EXPECT_EQ(calibration.notes.size(), 1U);
-  EXPECT_DOUBLE_EQ(calibration.sensor.detector.read_noise_e, 8.0);  // is √16 ADU of 2 e⁻
+  EXPECT_DOUBLE_EQ(calibration.sensor.detector.read_noise_e, 8.0);  // This is √16 ADU of 2 e⁻.
   EXPECT_EQ(calibration.sensor.background_adu, 0.0);
 }
 

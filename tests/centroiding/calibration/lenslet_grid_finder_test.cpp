@@ -165,7 +165,7 @@ TEST(LensletGridFinder, StandsAberrationUnevenLightAndNoise) {
   drawn.frame_cols = 512;
   drawn.centre_x_px = 250.0;
   drawn.centre_y_px = 260.0;
-  drawn.jitter_px = 1.4;  // makes 2 px rms in two axes
+  drawn.jitter_px = 1.4;  // This makes 2 px rms in two axes.
   drawn.brightness_spread = 0.3;
   drawn.noise_adu = 60.0;
   // Frames from which a mean was subtracted are negative.
@@ -208,7 +208,7 @@ TEST(LensletGridFinder, TakesNoLightFromBadPixels) {
     }
   }
   const FoundGrid found = find_lenslet_grid(image, bad, false);
-  EXPECT_LT(worst_error_px(found, drawn.grid()), 0.1);  // is the limit of the test above
+  EXPECT_LT(worst_error_px(found, drawn.grid()), 0.1);  // This is the limit of the test above.
 }
 
 TEST(LensletGridFinder, MeasuresNoiseAndBackgroundBetweenTheSpots) {

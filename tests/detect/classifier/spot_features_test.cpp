@@ -73,7 +73,7 @@ void expect_many_equal_one(const SpotCamera& camera, PixelType type) {
   std::vector<float> flux;
   for (std::size_t k = 0; k < features.lenslet_count(); ++k) {
     flux.push_back(static_cast<float>(1000.0 * random.uniform()));
-    lenslets.push_back(static_cast<std::int32_t>(k));  // includes those that are missing
+    lenslets.push_back(static_cast<std::int32_t>(k));  // Missing ones are included.
   }
   ASSERT_EQ(lenslets.size(), 64U);
   std::vector<float> many(lenslets.size() * kSpotFeatures + kProjectionSlack);

@@ -33,7 +33,7 @@ Sensor sensor_of_test() {
   sensor.optics = {.pitch_m = 1e-4,
                    .focal_m = 1e-2,
                    .pixel_m = 1e-5,
-                   .wavelength_m = 2e-7,  // makes two pixels a λ/w
+                   .wavelength_m = 2e-7,  // This makes two pixels a λ/w.
                    .magnification = 1.0,
                    .mirrored = false};
   sensor.detector = {
@@ -292,7 +292,7 @@ TEST(VortexClassifier, SameFrameSameBits) {
   Chain first;
   Chain second;
   first.expose(light_of(vortex_scene(3.0, 4.0, 1), 1000.0), kSeed + 1);
-  first.classify();  // leaves its workspace used
+  first.classify();  // It leaves its workspace used.
   const Image<float> light = light_of(vortex_scene(7.1, 8.4, -1), 1000.0);
   first.expose(light, kSeed);
   second.expose(light, kSeed);
@@ -350,9 +350,10 @@ TEST(SpotFeatures, ModesTurnAsPicturesDo) {
   for (int i = 0; i < kWindowPx; ++i) {
     for (int j = 0; j < kWindowPx; ++j) {
       const auto count = static_cast<std::uint16_t>(kBiasAdu + 1000.0 * random.uniform());
-      counts[i * kSide + j] = count;                                  // is lenslet 0
-      counts[j * kSide + kWindowPx + i] = count;                      // is lenslet 1, transposed
-      counts[i * kSide + 2 * kWindowPx + kWindowPx - 1 - j] = count;  // is lenslet 2, mirrored
+      // Lenslet 1 is lenslet 0 transposed, and lenslet 2 is lenslet 0 mirrored.
+      counts[i * kSide + j] = count;
+      counts[j * kSide + kWindowPx + i] = count;
+      counts[i * kSide + 2 * kWindowPx + kWindowPx - 1 - j] = count;
     }
   }
   std::array<std::array<float, kSpotFeatures>, 3> spot{};

@@ -58,7 +58,7 @@ TEST(WhitenedFilter, SolvesTheCovarianceOfItsSlopes) {
   SCOPED_TRACE(kSeed);
   std::mt19937 random(kSeed);
   Frame frame = noise_frame(random, uneven_flux(random), 0.05, 0.0, 1.0);
-  frame.slopes.valid(4, 5) = 0;  // is a missing lenslet
+  frame.slopes.valid(4, 5) = 0;  // This lenslet is missing.
   WhitenedPlanes planes(kRows, kCols);
   fill_planes(frame.slopes, frame.flux, frame.valid, kClutter, planes);
   const VortexPattern m;

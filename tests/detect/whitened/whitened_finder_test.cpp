@@ -77,7 +77,7 @@ TEST(WhitenedFinder, FollowsTheDarknessWhereCirculationIsEven) {
   SlopeField slopes = flat_field(kSize, kSize, 0.01F);
   add_vortex(slopes, 7.5, 7.5);
   Image<float> flux = even_flux();
-  flux(7, 8) = flux(8, 8) = 100.0F;  // are the right pair of the node's four
+  flux(7, 8) = flux(8, 8) = 100.0F;  // They are the right pair of the node's four.
   const Found found = find(slopes, flux);
   ASSERT_EQ(found.vortices.size(), 1U);
   EXPECT_GT(found.only().x, 7.6F);
