@@ -23,12 +23,15 @@ class LoopSource final : public FrameSource {
   const FrameFormat& format() const override { return frames_.front()->format(); }
   std::int64_t frame_count() const override { return count_; }
 
-  /// The headers are those of the frames in memory, but for sequence and received.
+  /// The headers are those of the frames in memory, but for sequence and received. The camera's
+  /// clock goes on from lap to lap by the frames' own interval, where they carry one.
   Delivery next(FrameBuffer& into) override {
     if (delivered_ == count_) return Delivery::kEnd;
     const FrameBuffer& frame = *frames_[static_cast<std::size_t>(delivered_) % frames_.size()];
     std::copy_n(frame.view().pixels, format().bytes(), into.data());
     into.header = frame.header;
+    const auto lap = delivered_ / static_cast<std::int64_t>(frames_.size());
+    into.header.camera_ns += lap * lap_ns();
     into.header.sequence = delivered_++;
     into.header.received = std::chrono::steady_clock::now();
     into.rows_ready = format().rows;
@@ -36,6 +39,13 @@ class LoopSource final : public FrameSource {
   }
 
  private:
+  /// How much later the camera's clock is a lap later; 0 where the frames carry none.
+  std::int64_t lap_ns() const {
+    const auto n = static_cast<std::int64_t>(frames_.size());
+    const std::int64_t span = frames_.back()->header.camera_ns - frames_.front()->header.camera_ns;
+    return n > 1 ? span / (n - 1) * n : 0;
+  }
+
   Frames frames_;
   std::int64_t count_;
   std::int64_t delivered_ = 0;
