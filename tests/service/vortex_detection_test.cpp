@@ -47,13 +47,9 @@ Counts count(DetectMethod method) {
     std::vector<SceneVortex> scene;
     for (const TruthVortex& vortex : simulator.truth(slot.frame_index))
       scene.push_back({.x = vortex.x, .y = vortex.y, .charge = vortex.charge});
-    std::vector<Candidate> candidates;
-    for (const Vortex& v : slot.vortices)
-      if (v.charge != 0)
-        candidates.push_back({static_cast<double>(v.x), static_cast<double>(v.y), v.charge,
-                              static_cast<double>(v.significance)});
     const FrameVerdicts frame =
-        judge_frame(candidates, grade_vortices(scene), {sensor.grid.rows, sensor.grid.cols});
+        judge_frame(candidates_by_probability(slot.vortices), grade_vortices(scene),
+                    {sensor.grid.rows, sensor.grid.cols});
     counts.required += frame.required;
     for (const Verdict& verdict : frame.verdicts)
       ++(verdict.hit ? counts.hits : counts.false_alarms);
