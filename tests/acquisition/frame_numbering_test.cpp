@@ -98,7 +98,8 @@ TEST(FrameNumbering, FramesWithoutNumberBeforeTheFirst) {
   EXPECT_EQ(numbering.first(), 98);
 }
 
-// Whatever arrives: first to last is what arrived and what was lost, and sequences grow.
+// Whatever arrives, the numbers from first to last are those of frames that arrived and those that
+// were lost, and sequences grow.
 TEST(FrameNumbering, EveryNumberIsInOnePlace) {
   for (const bool narrow : {true, false}) {
     for (unsigned seed = 1; seed <= 20; ++seed) {

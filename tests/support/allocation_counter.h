@@ -1,4 +1,5 @@
-// Counts mallocs: link tests/support/allocation_counter.cpp, which replaces malloc.
+// This counts mallocs. A test that includes it must link tests/support/allocation_counter.cpp,
+// which replaces malloc.
 #pragma once
 
 #include <atomic>
@@ -7,16 +8,16 @@
 namespace curlew {
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-inline constexpr bool kCountsAllocations = false;  // the sanitizer owns malloc
+inline constexpr bool kCountsAllocations = false;  // The sanitizer owns malloc.
 #else
 inline constexpr bool kCountsAllocations = true;
 #endif
 
-/// While true, every thread's allocations are added to allocations.
+/// While `counting` is true, the allocations of every thread are added to `allocations`.
 extern std::atomic<bool> counting;
 extern std::atomic<long> allocations;
 
-/// How often the calling thread, and no other, allocates while it runs act.
+/// Returns how often the calling thread, and no other, allocates while it runs `act`.
 long allocations_of_this_thread(const std::function<void()>& act);
 
 }  // namespace curlew

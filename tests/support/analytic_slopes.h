@@ -1,4 +1,5 @@
-// Slopes of vortices by quadrature, in double: what an ideal sensor measures, without spots.
+// This makes slopes of vortices by quadrature, in double: what an ideal sensor measures, without
+// spots.
 #pragma once
 
 #include <array>
@@ -11,18 +12,19 @@
 
 namespace curlew {
 
-/// A vortex φ = Im ln u, u = ξ(x+iy) + ζ(x−iy) round (x, y), as PHYSICS.md has it.
+/// Describes a vortex φ = Im ln u, u = ξ(x+iy) + ζ(x−iy) round (x, y), with ξ = cos(α/2)·e^{iβ/2}
+/// and ζ = sin(α/2)·e^{−iβ/2} (docs/paper.md).
 struct TestVortex {
   double x = 0.0;          ///< lenslet units
   double y = 0.0;          ///< lenslet units
-  int charge = 1;          ///< +1 or −1 (the conjugate)
-  double alpha_rad = 0.0;  ///< [0, π/2)
-  double beta_rad = 0.0;
+  int charge = 1;          ///< +1 or −1, which is the conjugate
+  double alpha_rad = 0.0;  ///< morphology α in [0, π/2)
+  double beta_rad = 0.0;   ///< morphology β
 };
 
 namespace analytic_slopes {
 
-// Gauss-Legendre, 10 points on [−1, 1]: exact for polynomials to degree 19.
+// These are the 10 points of Gauss and Legendre on [−1, 1], exact for polynomials to degree 19.
 inline constexpr std::array<double, 5> kNode{0.14887433898163121, 0.43339539412924719,
                                              0.67940956829902441, 0.86506336668898451,
                                              0.97390652851717172};
@@ -41,7 +43,8 @@ Value integrate_once(const Function& f, double from, double to) {
   return sum;
 }
 
-// Halves until both halves agree with the whole to 1e-13 (an absolute error, of slopes near 1).
+// Halves the interval until both halves agree with the whole to 1e-13 (an absolute error, of slopes
+// near 1).
 template <typename Function>
 std::complex<double> integrate(const Function& f, double from, double to, int depth = 0) {
   const double middle = 0.5 * (from + to);
@@ -52,7 +55,7 @@ std::complex<double> integrate(const Function& f, double from, double to, int de
   return integrate(f, from, middle, depth + 1) + integrate(f, middle, to, depth + 1);
 }
 
-// u and its derivatives along x and y at a place relative to the vortex.
+// Holds u and its derivatives along x and y at a place relative to the vortex.
 struct Factor {
   std::complex<double> u;
   std::complex<double> du_dx;
@@ -69,13 +72,13 @@ inline Factor factor(const TestVortex& v, double x, double y) {
   return f;
 }
 
-// ∇φ = Im(∇u / u), as a complex number x + iy.
+// Returns ∇φ = Im(∇u / u), as a complex number x + iy.
 inline std::complex<double> phase_gradient(const TestVortex& v, double x, double y) {
   const Factor f = factor(v, x, y);
   return {(f.du_dx / f.u).imag(), (f.du_dy / f.u).imag()};
 }
 
-// Integrals of I and I∇φ.
+// Holds integrals of I and I∇φ.
 struct Moments {
   double intensity = 0.0;
   double x = 0.0;
@@ -90,10 +93,10 @@ inline Moments operator*(double scale, const Moments& m) {
 
 }  // namespace analytic_slopes
 
-/// Mean of ∇φ over the unit square round lenslet (row, col), rad per pitch (x, y), within 1e-11.
-/// ∇φ is homogeneous of degree −1 about the vortex, so that over the triangle from the vortex to
-/// the side a→b it integrates to cross(a, b)·∫₀¹ ∇φ(a + s(b−a)) ds; signed triangles make the
-/// square.
+/// Returns the mean of ∇φ over the unit square round lenslet (row, col), rad per pitch (x, y),
+/// within 1e-11. ∇φ is homogeneous of degree −1 about the vortex, so that over the triangle from
+/// the vortex to the side a→b it integrates to cross(a, b)·∫₀¹ ∇φ(a + s(b−a)) ds; signed triangles
+/// make the square.
 inline std::array<double, 2> mean_phase_gradient(const TestVortex& v, int row, int col) {
   const std::array<std::complex<double>, 4> corner{
       std::complex<double>(col - 0.5, row - 0.5), std::complex<double>(col + 0.5, row - 0.5),
@@ -104,7 +107,7 @@ inline std::array<double, 2> mean_phase_gradient(const TestVortex& v, int row, i
     const std::complex<double> a = corner[k] - centre;
     const std::complex<double> b = corner[(k + 1) % 4] - centre;
     const double cross = a.real() * b.imag() - a.imag() * b.real();
-    if (std::abs(cross) < 1e-14) continue;  // the vortex is on the side's line: the limit is 0
+    if (std::abs(cross) < 1e-14) continue;  // On the side's line the limit is 0.
     sum += analytic_slopes::integrate(
         [&](double s) {
           const std::complex<double> at = centre + a + s * (b - a);
@@ -115,8 +118,8 @@ inline std::array<double, 2> mean_phase_gradient(const TestVortex& v, int row, i
   return {sum.real(), sum.imag()};
 }
 
-/// ∫I∇φ/∫I over lenslet (row, col) for linear cores everywhere: I = Π|u|². Exact but for rounding,
-/// I∇φ = Im(ū∇u) being a polynomial; up to 4 vortices.
+/// Returns ∫I∇φ/∫I over lenslet (row, col) for linear cores everywhere: I = Π|u|². It is exact but
+/// for rounding for up to 4 vortices, because I∇φ = Im(ū∇u) is a polynomial.
 inline std::array<double, 2> weighted_phase_gradient(std::span<const TestVortex> vortices, int row,
                                                      int col) {
   using analytic_slopes::Moments;
@@ -138,8 +141,8 @@ inline std::array<double, 2> weighted_phase_gradient(std::span<const TestVortex>
   return {m.x / m.intensity, m.y / m.intensity};
 }
 
-/// Slopes of the paper's sensor: the uniform mean of ∇φ of all vortices together, every lenslet
-/// valid, variances 0. Each value is right to float.
+/// Returns the slopes of the paper's sensor: the uniform mean of ∇φ of all vortices together, every
+/// lenslet valid, variances 0. Each value is right to float.
 inline SlopeField uniform_vortex_slopes(int rows, int cols, std::span<const TestVortex> vortices) {
   SlopeField slopes(rows, cols);
   for (int row = 0; row < rows; ++row) {
@@ -158,7 +161,8 @@ inline SlopeField uniform_vortex_slopes(int rows, int cols, std::span<const Test
   return slopes;
 }
 
-/// Slopes of a sensor that weighs by intensity, the amplitude being linear everywhere: Π|u|.
+/// Returns the slopes of a sensor that weights by intensity, for an amplitude that is linear
+/// everywhere: Π|u|.
 inline SlopeField linear_core_slopes(int rows, int cols, std::span<const TestVortex> vortices) {
   SlopeField slopes(rows, cols);
   for (int row = 0; row < rows; ++row) {

@@ -1,4 +1,4 @@
-// Runs tests/support/astropy_peer.py, a reader and writer of FITS independent of cfitsio.
+// This runs tests/support/astropy_peer.py, a reader and writer of FITS independent of cfitsio.
 #pragma once
 
 #include <stdio.h>
@@ -10,11 +10,12 @@
 namespace curlew {
 
 struct PeerAnswer {
-  int exit_code = -1;  ///< 77: astropy is not installed
+  int exit_code = -1;  ///< 77 if astropy is not installed
   std::string text;    ///< what it printed, errors included
 };
 
-/// command: "describe" or "write"; path: a file or a directory without quotes in its name.
+/// Runs a command: "describe", "recordings" or "write". path: a file or a directory without quotes
+/// in its name.
 inline PeerAnswer ask_astropy(const std::string& command, const std::string& path) {
   const std::string line = std::string("/usr/bin/python3 '") + CURLEW_SOURCE_DIR +
                            "/tests/support/astropy_peer.py' " + command + " '" + path + "' 2>&1";
@@ -27,7 +28,7 @@ inline PeerAnswer ask_astropy(const std::string& command, const std::string& pat
   }
   const int status = pclose(pipe);
   answer.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  if (answer.exit_code == 127) answer.exit_code = 77;  // no python at all
+  if (answer.exit_code == 127) answer.exit_code = 77;  // There is no python at all.
   return answer;
 }
 

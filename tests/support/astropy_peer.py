@@ -1,11 +1,11 @@
 #!/usr/bin/python3
-"""What another FITS program makes of our files, and files for us to read.
+"""Shows what another FITS program makes of our files, and writes files for us to read.
 
 astropy_peer.py describe FILE   one line per HDU, per column and per key of interest
 astropy_peer.py recordings DIR  one line per recording in it and below, of the numbered frames of
                                 tests/support/numbered_frames.h: what was found in it
 astropy_peer.py write DIR       cubes of every type, [3, 5, 7], by the formulas in `cubes`
-Exit code 77 where astropy is missing.
+The exit code is 77 if astropy is missing.
 """
 
 import glob
@@ -18,7 +18,7 @@ try:
 except ImportError:
     sys.exit(77)
 
-warnings.simplefilter("error")  # a file that astropy warns of is not a good one
+warnings.simplefilter("error")  # A file that astropy warns of is not a good one.
 
 
 def describe(path):

@@ -1,4 +1,4 @@
-// The sensor that a simulator is, known without calibrating it.
+// This makes the sensor that a simulator is, known without calibrating it.
 #pragma once
 
 #include <cmath>
@@ -9,7 +9,8 @@
 
 namespace curlew {
 
-/// Windows as simulated, references where a plane wave's spots lie, gain 1.
+/// Returns a sensor with the windows as simulated, the references where a plane wave's spots lie,
+/// and gain 1.
 inline Sensor sensor_of(const Simulator& simulator, int window_px, double background_adu) {
   const LensletGrid grid = simulator.grid();
   Sensor sensor = tiled_sensor({grid.rows, grid.cols, window_px});

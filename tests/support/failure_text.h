@@ -1,4 +1,4 @@
-// The sentence of the error that a piece of code throws.
+// This catches the sentence of the error that a piece of code throws.
 #pragma once
 
 #include <string>
@@ -7,7 +7,7 @@
 
 namespace curlew {
 
-/// What `act` threw as a Failure; empty where it threw nothing. Other exceptions pass.
+/// Returns what `act` threw as a Failure; empty if it threw nothing. Other exceptions pass.
 template <typename Act>
 std::string failure_text(Act&& act) {
   try {

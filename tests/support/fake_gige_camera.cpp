@@ -45,7 +45,7 @@ void replace(std::string& text, const std::string& from, const std::string& to) 
   text.replace(place, from.size(), to);
 }
 
-/// Aravis' own description of its fake camera, with more pixel formats and faster frames.
+/// Returns Aravis' own description of its fake camera, with more pixel formats and faster frames.
 std::string camera_description() {
   GBytes* bytes = g_resources_lookup_data("/org/aravis/arv-fake-camera.xml",
                                           G_RESOURCE_LOOKUP_FLAGS_NONE, nullptr);
@@ -67,7 +67,7 @@ std::string camera_description() {
   return text;
 }
 
-/// Aravis shares its port with whoever has it already.
+/// Says whether nobody has the port yet, because Aravis would share it.
 bool is_port_free(const std::string& address) {
   sockaddr_in control{};
   control.sin_family = AF_INET;
@@ -115,7 +115,7 @@ FakeGigeCamera::FakeGigeCamera(int rows, int cols, std::vector<std::vector<std::
        static_cast<int>(1e6 / options.frame_rate_hz)}};
   for (const auto& [address, value] : registers)
     arv_fake_camera_write_register(fake, address, static_cast<std::uint32_t>(value));
-  arv_fake_camera_set_trigger_frequency(fake, 1000);  // how often it looks for a software trigger
+  arv_fake_camera_set_trigger_frequency(fake, 1000);  // So often it looks for a software trigger.
   arv_fake_camera_set_fill_pattern(fake, &FakeGigeCamera::fill, this);
   set_lost_packet_ratio(options.lost_packet_ratio);
 }

@@ -1,4 +1,4 @@
-// A GigE Vision camera that is not there: real packets over loopback, with images of our own.
+// This fakes a GigE Vision camera: it sends real packets over loopback, with images of our own.
 #pragma once
 
 #include <atomic>
@@ -7,19 +7,19 @@
 #include <string>
 #include <vector>
 
-// Of Aravis, whose header stays in the .cpp.
+// These types are Aravis', whose header stays in the .cpp.
 struct _ArvBuffer;
 struct _ArvGvFakeCamera;
 
 namespace curlew {
 
 struct FakeGigeOptions {
-  std::string address = "127.0.0.1";    ///< one camera each; see loopback.h
-  std::string serial = "CURLEW";        ///< device id: Aravis-Fake-<serial>
-  std::string pixel_format = "Mono16";  ///< all that Curlew reads; a client may set another
+  std::string address = "127.0.0.1";    ///< an address takes one camera; see loopback.h
+  std::string serial = "CURLEW";        ///< the device id is Aravis-Fake-<serial>
+  std::string pixel_format = "Mono16";  ///< one that Curlew reads; a client may set another
   double frame_rate_hz = 100;           ///< a client may set another, up to 10 kHz
   double lost_packet_ratio = 0;
-  bool once = false;  ///< sends every image once a start, then nothing more
+  bool once = false;  ///< sends every image once per start, then nothing more
 };
 
 /// Serves images over and over while the object lives. Its frame numbers wrap from 65535 to 1 soon.
@@ -36,11 +36,11 @@ class FakeGigeCamera {
   FakeGigeCamera(const FakeGigeCamera&) = delete;
   FakeGigeCamera& operator=(const FakeGigeCamera&) = delete;
 
-  /// Which of `images` the frame shows whose number, wrapped or counted on, is `sequence`.
+  /// Returns which of `images` the frame shows whose number, wrapped or counted on, is `sequence`.
   static std::size_t image_of(std::int64_t sequence, std::size_t images);
 
   void set_lost_packet_ratio(double ratio);
-  /// Frames sent since the beginning.
+  /// Returns how many frames were sent since the beginning.
   std::int64_t frames_sent() const { return frames_sent_; }
 
  private:

@@ -1,4 +1,4 @@
-// What astropy finds in recordings of numbered frames.
+// This reads what astropy finds in recordings of numbered frames.
 #pragma once
 
 #include <cstdint>
@@ -11,16 +11,16 @@
 namespace curlew {
 
 struct FoundRecording {
-  std::string name;  ///< relative to the directory asked for
-  std::int64_t frames = 0;
-  std::int64_t rows = 0;   ///< of FRAMES; −1: there is none
-  std::int64_t first = 0;  ///< sequence; counted from 0 where there is no table
-  std::int64_t last = 0;
+  std::string name;           ///< path relative to the directory asked for
+  std::int64_t frames = 0;    ///< frames of the cube
+  std::int64_t rows = 0;      ///< rows of FRAMES; −1 if there is none
+  std::int64_t first = 0;     ///< first sequence; counted from 0 if there is no table
+  std::int64_t last = 0;      ///< sequence of the cube's last frame
   std::int64_t wrong = 0;     ///< frames with a pixel that is not as numbered
-  std::int64_t warnings = 0;  ///< of astropy, where there is a table
+  std::int64_t warnings = 0;  ///< warnings of astropy, if there is a table
 };
 
-/// answer: of ask_astropy("recordings", …).
+/// Reads an answer of ask_astropy("recordings", …).
 inline std::vector<FoundRecording> found_recordings(const PeerAnswer& answer) {
   std::vector<FoundRecording> all;
   std::istringstream lines(answer.text);

@@ -35,7 +35,7 @@ bool give_address(int socket_fd, int number) {
   return ioctl(socket_fd, SIOCSIFADDR, &request) == 0;
 }
 
-/// false: nothing of it happened, or what happened does no harm.
+/// Returns false if it failed; what happened until then does no harm.
 bool enter_own_network() {
   if (unshare(CLONE_NEWNET) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0) return false;
   const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
@@ -50,7 +50,7 @@ bool enter_own_network() {
 void wait_for_the_machines() {
   const auto path = std::filesystem::temp_directory_path() / "curlew_loopback.lock";
   const int fd = open(path.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
-  if (fd >= 0) flock(fd, LOCK_EX);  // until the process ends
+  if (fd >= 0) flock(fd, LOCK_EX);  // It is held until the process ends.
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
-// Frames whose pixels follow from their number, so that any reader can tell whether they are right;
-// tests/support/astropy_peer.py knows the formula too.
+// This makes frames whose pixels follow from their number, so that any reader can tell whether they
+// are right. tests/support/astropy_peer.py knows the formula too.
 #pragma once
 
 #include <chrono>
@@ -14,7 +14,7 @@ inline std::uint16_t numbered_pixel(std::int64_t sequence, std::size_t k) {
   return static_cast<std::uint16_t>(static_cast<std::uint64_t>(sequence) * 7919U + k * 31U);
 }
 
-/// Frame number `sequence` of a camera at 1 kHz.
+/// Fills in frame number `sequence` of a camera at 1 kHz.
 inline void fill_numbered(FrameBuffer& frame, std::int64_t sequence) {
   const std::size_t n = frame.format().pixels();
   if (frame.format().pixel_type == PixelType::kU16) {
@@ -33,7 +33,7 @@ inline void fill_numbered(FrameBuffer& frame, std::int64_t sequence) {
   frame.header.status = sequence % 10 == 3 ? kFrameLate : kFrameOk;
 }
 
-/// Whether all pixels are those of frame number `sequence`.
+/// Says whether all pixels are those of frame number `sequence`.
 inline bool is_numbered(FrameBuffer& frame, std::int64_t sequence) {
   const std::size_t n = frame.format().pixels();
   for (std::size_t k = 0; k < n; ++k) {

@@ -1,4 +1,4 @@
-// A child process without the rights of root, for what an ordinary user meets.
+// This runs code in a child process without the rights of root, for what an ordinary user meets.
 #pragma once
 
 #include <sys/resource.h>
@@ -13,9 +13,8 @@ namespace curlew {
 
 inline constexpr const char* kNoSuchLimits = "no such limits";
 
-/// What body() returned, run in a child process: as nobody where this is root, and with these hard
-/// limits; kNoSuchLimits where they cannot
-/// be set, "child died" where it did.
+/// Runs body() in a child process, as nobody if this process is root, and with these hard limits.
+/// Returns what body() returned, kNoSuchLimits if they cannot be set, and "child died" if it died.
 template <typename Body>
 std::string as_ordinary_user(rlim_t rtprio, rlim_t memlock_bytes, Body&& body) {
   constexpr uid_t kNobody = 65534;

@@ -1,4 +1,4 @@
-// Packs pixels as GenICam cameras do: bit by bit, to check the fast unpackers against.
+// This packs pixels as GenICam cameras do, bit by bit, to check the fast unpackers against.
 #pragma once
 
 #include <cstddef>
@@ -23,7 +23,8 @@ inline std::vector<std::uint8_t> packed(const PixelCoding& coding,
       if (coding.packing == Packing::kBitStream) {
         set(i * bits + bit, value);
       } else if (coding.packing == Packing::kGigE) {
-        // Three bytes a pair: high bits of the first, low bits of both, high bits of the second.
+        // A pair takes three bytes: the high bits of the first, the low bits of both, the high bits
+        // of the second.
         const std::size_t pair = i / 2 * 24;
         const std::size_t low = bits - 8;
         if (bit < low)

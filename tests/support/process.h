@@ -1,4 +1,4 @@
-// Process: a program that runs beside the test.
+// A Process is a program that runs beside the test.
 #pragma once
 
 #include <fcntl.h>
@@ -18,7 +18,8 @@ namespace curlew {
 
 class Process {
  public:
-  /// Output goes to the files out_path and err_path. before_exec runs in the child.
+  /// Starts the program. Its output goes to the files out_path and err_path. before_exec runs in
+  /// the child.
   Process(const std::vector<std::string>& command, const std::string& out_path,
           const std::string& err_path, void (*before_exec)() = nullptr)
       : out_path_(out_path), err_path_(err_path) {
@@ -53,7 +54,7 @@ class Process {
     if (!ended_ && waitpid(pid_, &status_, WNOHANG) == pid_) ended_ = true;
     return !ended_;
   }
-  /// The exit code, 128 + signal where one ended it, −1 where it still runs after the time.
+  /// Returns the exit code, 128 + signal if one ended it, or −1 if it still runs after the time.
   int wait(std::chrono::seconds longest) {
     const auto until = std::chrono::steady_clock::now() + longest;
     while (running() && std::chrono::steady_clock::now() < until)
@@ -64,7 +65,8 @@ class Process {
   std::string out() const { return text_of(out_path_); }
   std::string err() const { return text_of(err_path_); }
 
-  /// Waits until its standard error, or output, holds the text; false where it does not in time.
+  /// Waits until its standard error, or output, holds the text. Returns false if it does not in
+  /// time.
   bool says(const std::string& text, std::chrono::seconds longest) {
     const auto until = std::chrono::steady_clock::now() + longest;
     while (std::chrono::steady_clock::now() < until) {
@@ -78,7 +80,7 @@ class Process {
 
   int threads() const { return entries("task"); }
   int open_files() const { return entries("fd"); }
-  /// Resident memory, kB.
+  /// Returns the resident memory, in kB.
   long memory_kb() const {
     std::ifstream status("/proc/" + std::to_string(pid_) + "/status");
     for (std::string line; std::getline(status, line);)

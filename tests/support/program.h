@@ -1,4 +1,4 @@
-// Runs the curlew program as a user would.
+// This runs the curlew program as a user would.
 #pragma once
 
 #include <sys/wait.h>
@@ -11,7 +11,7 @@
 namespace curlew {
 
 struct ProgramRun {
-  int exit_code = -1;  ///< 128 + signal where it crashed
+  int exit_code = -1;  ///< 128 + signal if it crashed
   std::string out;
   std::string err;
 };

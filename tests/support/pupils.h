@@ -1,4 +1,4 @@
-// Masks of lenslets for tests.
+// These are masks of lenslets for tests.
 #pragma once
 
 #include <cmath>
@@ -15,7 +15,8 @@ using Mask = Image<std::uint8_t>;
 
 inline Mask square_pupil(int n) { return Mask(n, n, 1); }
 
-/// Lenslets whose centre lies between the inner and the outer radius (of the array's half width).
+/// Has the lenslets whose centre lies between the inner and the outer radius (of the array's half
+/// width).
 inline Mask annular_pupil(int n, double inner, double outer = 1.0) {
   Mask mask(n, n, 0);
   const double centre = 0.5 * (n - 1);
@@ -28,7 +29,7 @@ inline Mask annular_pupil(int n, double inner, double outer = 1.0) {
 }
 inline Mask round_pupil(int n) { return annular_pupil(n, 0.0); }
 
-/// '#' is a lenslet, anything else none.
+/// Reads a mask in which '#' is a lenslet and anything else is none.
 inline Mask pupil_from(const std::vector<std::string>& rows) {
   Mask mask(static_cast<int>(rows.size()), static_cast<int>(rows[0].size()), 0);
   for (int r = 0; r < mask.rows(); ++r)

@@ -1,4 +1,4 @@
-// FITS by hand, for files that no library would write.
+// This writes FITS by hand, for files that no library would write.
 #pragma once
 
 #include <string>
@@ -6,7 +6,7 @@
 
 namespace curlew {
 
-/// A header of these cards, each padded to 80 bytes, with END, padded to a FITS block.
+/// Returns a header of these cards, each padded to 80 bytes, with END, padded to a FITS block.
 inline std::string raw_header(const std::vector<std::string>& cards) {
   std::string text;
   for (std::string card : cards) {
@@ -20,7 +20,7 @@ inline std::string raw_header(const std::vector<std::string>& cards) {
   return text;
 }
 
-/// A header card of an integer or T.
+/// Returns a header card of an integer or T.
 inline std::string raw_card(const std::string& key, const std::string& value) {
   std::string card = key;
   card.resize(8, ' ');
@@ -29,7 +29,7 @@ inline std::string raw_card(const std::string& key, const std::string& value) {
   return card + value;
 }
 
-/// The header of a primary image; axes fastest first.
+/// Returns the header of a primary image, with the fastest axis first.
 inline std::string raw_image_header(int bitpix, const std::vector<std::string>& axes) {
   std::vector<std::string> cards{raw_card("SIMPLE", "T"),
                                  raw_card("BITPIX", std::to_string(bitpix)),

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""Reads recording, sensor, results and JSON lines in a folder as somebody who knows only the
-design's file formats, and writes theirs.fits: the recording's pixels as a plain cube.
-Exit code 77 where astropy is missing."""
+"""Reads recording, sensor, results and JSON lines in a folder as somebody who knows only
+docs/files.md, and writes theirs.fits: the recording's pixels as a plain cube.
+The exit code is 77 if astropy is missing."""
 
 import json
 import sys
@@ -65,7 +65,7 @@ with fits.open(f"{folder}/ours.fits") as f:
               "CIRCULATION": (FRAMES, ROWS - 1, COLS - 1)}
     for name, shape in shapes.items():
         assert f[name].data.shape == shape, (name, f[name].data.shape)
-        units.Unit(f[name].header["BUNIT"])  # a unit that astropy knows
+        units.Unit(f[name].header["BUNIT"])  # Astropy must know the unit.
     assert (np.isnan(f["SLOPES"].data[:, 0]) >= (valid == 0)).all(), "NaN where no lenslet is"
     assert np.isfinite(f["SLOPES"].data[:, :, valid == 1]).mean() > 0.9
     check_table(f["FRAMES"], {"FRAME": ("K", ""), "SEQUENCE": ("K", ""), "CAMERA_NS": ("K", "ns"),

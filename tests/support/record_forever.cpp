@@ -1,5 +1,5 @@
-// record_forever FOLDER: records numbered frames, one a millisecond, until it is killed. Prints the
-// number of each frame once it is handed in, and the microseconds since the first.
+// record_forever FOLDER records numbered frames, one per millisecond, until it is killed. It prints
+// the number of each frame once it is handed in, and the microseconds since the first.
 #include <unistd.h>
 
 #include <chrono>
@@ -22,7 +22,7 @@ int main(int argc, char** argv) try {
   options.mode = RecordMode::kContinuous;
   options.folder = argv[1];
   options.memory_mb = 16;
-  options.max_file_s = 0.4;  // frames come at 1 kHz by their own stamps: 400 a file
+  options.max_file_s = 0.4;  // At 1 kHz by their own stamps a file takes 400 frames.
   options.min_free_mb = 10;
   Recorder recorder(options, format, Optics{}, Detector{}, [](const std::string&) {});
   FrameBuffer frame(format);

@@ -1,4 +1,4 @@
-// ScratchDirectory: a directory of a test's own, gone with it.
+// A ScratchDirectory is a directory of a test's own, which goes away with it.
 #pragma once
 
 #include <stdlib.h>
@@ -26,9 +26,9 @@ class ScratchDirectory {
   }
 
   std::string path() const { return path_.string(); }
-  /// The path of a file in it.
+  /// Returns the path of a file in it.
   std::string operator/(const std::string& name) const { return (path_ / name).string(); }
-  /// The names of the files in it, sorted.
+  /// Returns the names of the files in it, sorted.
   std::vector<std::string> names() const {
     std::vector<std::string> list;
     for (const auto& entry : std::filesystem::directory_iterator(path_)) {

@@ -1,7 +1,8 @@
-// serve_gige: serves a recording as a GigE Vision camera, over and over, until SIGTERM or SIGINT.
+// serve_gige serves a recording as a GigE Vision camera, over and over, until SIGTERM or SIGINT.
 //
-// Prints "ready" when a client can connect. The frame with number s, wrapped at 16 bits or counted
-// on, is frame ((s − 65401) mod 65535) mod N of the recording's N (FakeGigeCamera::image_of).
+// It prints "ready" when a client can connect. The frame with number s, wrapped at 16 bits or
+// counted on, is frame ((s − 65401) mod 65535) mod N of the recording's N
+// (FakeGigeCamera::image_of).
 #include <CLI/CLI.hpp>
 #include <csignal>
 #include <cstdio>
@@ -24,7 +25,7 @@ int serve(const std::string& recording, const curlew::FakeGigeOptions& options) 
   curlew::FakeGigeOptions served = options;
   served.pixel_format = source.format().pixel_type == curlew::PixelType::kU8 ? "Mono8" : "Mono16";
 
-  // Blocked before there are threads, so that only sigwait() gets them.
+  // The signals are blocked before there are threads, so that only sigwait() gets them.
   sigset_t ends;
   sigemptyset(&ends);
   sigaddset(&ends, SIGTERM);

@@ -1,4 +1,5 @@
-// Streams from a GigE Vision camera served on loopback: what arrives, and what is said of it.
+// These tests stream from a GigE Vision camera served on loopback. They check what arrives, and
+// what is said of it.
 #include "acquisition/aravis/aravis_camera.h"
 
 #include <gtest/gtest.h>
@@ -33,7 +34,7 @@ struct Coding {
 
 class EveryPixelFormat : public ServedCamera, public testing::WithParamInterface<Coding> {};
 
-// 200 frames: the numbers wrap from 65535 to 1 on the way.
+// Within these 200 frames the numbers wrap from 65535 to 1.
 TEST_P(EveryPixelFormat, EveryPixelArrivesAndTheNumbersCountOn) {
   const KnownImages images = known_images(48, 68, GetParam().code);
   FakeGigeOptions served;
@@ -56,7 +57,7 @@ TEST_P(EveryPixelFormat, EveryPixelArrivesAndTheNumbersCountOn) {
   EXPECT_GT(taker.last, 65535);
   EXPECT_EQ(counts.lost, 0);
   EXPECT_EQ(counts.delivered, taker.last - FakeGigeCamera::kFirstNumber + 1);
-  EXPECT_EQ(counts.dropped(), counts.aborted);  // at most the last one, by stop()
+  EXPECT_EQ(counts.dropped(), counts.aborted);  // stop() may abort the last one.
   EXPECT_LE(counts.aborted, 1);
   EXPECT_EQ(counts.delivered, taker.taken + exchange.superseded());
   EXPECT_EQ(camera->failure(), "");
@@ -130,7 +131,7 @@ TEST_F(AravisCamera, SlowConsumerGetsTheNewestAndTheRestIsCounted) {
   served.frame_rate_hz = 500;
   const auto server = serve(images, served);
   const auto camera = open();
-  // The fewest there may be: one with the pipeline, one waiting, one to fill.
+  // There may not be fewer buffers: one is with the pipeline, one waits, and one is being filled.
   FrameExchange exchange(camera->format(), 3);
   Taker taker(exchange, images);
   camera->start(exchange);
@@ -138,7 +139,7 @@ TEST_F(AravisCamera, SlowConsumerGetsTheNewestAndTheRestIsCounted) {
     FrameBuffer* frame = exchange.take(10'000'000);
     ASSERT_NE(frame, nullptr);
     std::this_thread::sleep_for(std::chrono::milliseconds(15));
-    EXPECT_TRUE(images.shows(frame->view(), frame->header.sequence));  // nobody wrote into it
+    EXPECT_TRUE(images.shows(frame->view(), frame->header.sequence));  // Nobody may write into it.
     ++taker.taken;
     exchange.give_back(frame);
   }
@@ -172,8 +173,8 @@ TEST_F(AravisCamera, SlowConsumerOfPackedPixels) {
   EXPECT_EQ(camera->counts().no_buffer, 0);
 }
 
-// A pipeline that holds every buffer: what it has no room for is lost, named so, and the stream
-// goes on when it gives them back.
+// Here the pipeline holds every buffer. Frames for which there is none must be lost and counted so,
+// and the stream must go on when the pipeline gives the buffers back.
 TEST_F(AravisCamera, FramesWithoutABufferAreCountedAndTheStreamGoesOn) {
   for (const Coding& coding : {Coding{"Mono12", kMono12}, Coding{"Mono12p", 0x010C0047}}) {
     SCOPED_TRACE(coding.name);
@@ -233,7 +234,7 @@ TEST_F(AravisCamera, StopsAndStartsAgain) {
     camera->stop();
     while (FrameBuffer* waiting = exchange.take(0)) exchange.give_back(waiting);
     EXPECT_EQ(threads_of_this_process(), threads);
-    // Every buffer is back.
+    // Every buffer must be back.
     std::vector<FrameBuffer*> back;
     while (FrameBuffer* buffer = exchange.empty()) back.push_back(buffer);
     EXPECT_EQ(back.size(), kBuffers);
@@ -250,7 +251,8 @@ TEST_F(AravisCamera, FirstFrameOfAStreamIsRenumbered) {
     camera->start(exchange);
     FrameBuffer* first = exchange.take(10'000'000);
     ASSERT_NE(first, nullptr);
-    EXPECT_TRUE(first->header.renumbered || exchange.superseded() > 0);  // slow are we at times
+    EXPECT_TRUE(first->header.renumbered ||
+                exchange.superseded() > 0);  // The test may be too slow to get the first.
     EXPECT_EQ(first->header.status, 0U);
     exchange.give_back(first);
     camera->stop();
@@ -318,7 +320,8 @@ TEST_F(AravisCamera, TellsThatTheReceiveBufferIsCapped) {
 }
 
 TEST_F(AravisCamera, SeveralCamerasOnSeveralAddresses) {
-  if (addresses_ < 3) GTEST_SKIP() << "this machine allows no network of our own";
+  if (addresses_ < 3)
+    GTEST_SKIP() << "this machine does not allow a process to have its own network";
   const KnownImages images = known_images(32, 32, kMono16);
   std::vector<std::unique_ptr<FakeGigeCamera>> servers;
   std::vector<std::unique_ptr<Camera>> cameras;

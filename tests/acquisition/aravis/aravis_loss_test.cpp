@@ -1,4 +1,4 @@
-// What networks and cameras do to frames: packets get lost, cameras die.
+// These tests do to frames what networks and cameras do: packets get lost, and cameras die.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -15,14 +15,14 @@ using Clock = std::chrono::steady_clock;
 class PacketLoss : public ServedCamera, public testing::WithParamInterface<double> {};
 
 TEST_P(PacketLoss, IncompleteFramesAreCountedAndNeverDelivered) {
-  const KnownImages images = known_images(512, 512, kMono16);  // some 380 packets a frame
+  const KnownImages images = known_images(512, 512, kMono16);  // A frame is some 380 packets.
   FakeGigeOptions served;
   served.frame_rate_hz = 100;
   const auto server = serve(images, served);
   const auto camera = open(packets(1400));
   FrameExchange exchange(camera->format(), 8);
   std::int64_t last = FakeGigeCamera::kFirstNumber - 1;
-  std::int64_t missing = 0;  // numbers between frames we took, less the superseded ones
+  std::int64_t missing = 0;  // numbers between the frames that were taken
   bool gap_expected = false;
   const auto take = [&](std::int64_t timeout_us) {
     FrameBuffer* frame = exchange.take(timeout_us);
@@ -30,8 +30,8 @@ TEST_P(PacketLoss, IncompleteFramesAreCountedAndNeverDelivered) {
     const FrameHeader& header = frame->header;
     EXPECT_TRUE(images.shows(frame->view(), header.sequence)) << "frame " << header.sequence;
     missing += header.sequence - last - 1;
-    // A frame that says so has a gap before it; the other way round holds where none was
-    // superseded.
+    // A frame that says that there is a gap before it must have one. The converse holds only if no
+    // frame was superseded.
     EXPECT_TRUE((header.status & kFrameGapBefore) == 0 || header.sequence > last + 1);
     if (exchange.superseded() == 0 && header.sequence > last + 1) {
       EXPECT_NE(header.status & kFrameGapBefore, 0U);
@@ -48,7 +48,7 @@ TEST_P(PacketLoss, IncompleteFramesAreCountedAndNeverDelivered) {
   const std::int64_t begin = server->frames_sent();
   while (server->frames_sent() < begin + 200) take(100'000);
   server->set_lost_packet_ratio(0);
-  // Whole frames at the end, so that the last number is known.
+  // The last frames are whole, so that the last number is known.
   const std::int64_t quiet = server->frames_sent() + 3;
   while (server->frames_sent() < quiet + 3) take(100'000);
   camera->stop();
@@ -68,7 +68,7 @@ INSTANTIATE_TEST_SUITE_P(Aravis, PacketLoss, testing::Values(0.0005, 0.01));
 
 using AravisLoss = ServedCamera;
 
-/// Until the camera closes the exchange; false where it does not.
+/// Waits until the camera closes the exchange; returns false if it does not.
 bool wait_until_closed(FrameExchange& exchange) {
   const auto deadline = Clock::now() + std::chrono::seconds(60);
   while (!exchange.closed() && Clock::now() < deadline) {
@@ -118,7 +118,7 @@ TEST_F(AravisLoss, StopDoesNotWaitForACameraThatJustDied) {
     const auto begin = Clock::now();
     camera->stop();
     EXPECT_LT(Clock::now() - begin, std::chrono::seconds(4));
-    if (start_again) {  // refused, and everything is put back
+    if (start_again) {  // It must be refused, and put everything back.
       EXPECT_THROW(camera->start(exchange), Failure);
       while (FrameBuffer* waiting = exchange.take(0)) exchange.give_back(waiting);
       std::size_t back = 0;
@@ -128,7 +128,7 @@ TEST_F(AravisLoss, StopDoesNotWaitForACameraThatJustDied) {
   }
 }
 
-// What was let go of in a hurry ends by itself: no thread stays.
+// What a dead camera leaves behind must end by itself, so that no thread stays.
 TEST_F(AravisLoss, NoThreadOfADeadCameraStays) {
   const KnownImages images = known_images(64, 64, kMono16);
   const auto threads = [] {
@@ -146,7 +146,7 @@ TEST_F(AravisLoss, NoThreadOfADeadCameraStays) {
     if (round > 0) server.reset();
     camera.reset();
     server.reset();
-    if (round == 0) before = threads();  // GLib keeps some of its own
+    if (round == 0) before = threads();  // GLib keeps some threads of its own.
   }
   const auto deadline = Clock::now() + std::chrono::seconds(60);
   while (threads() > before && Clock::now() < deadline)

@@ -28,7 +28,7 @@ std::vector<std::uint16_t> unpacked(std::uint32_t code, const Bytes& bytes, std:
 
 using Values = std::vector<std::uint16_t>;
 
-// Bits as the pixel format naming convention and the GigE Vision standard draw them.
+// The bits are as the pixel format naming convention and the GigE Vision standard draw them.
 TEST(AravisPixels, Mono12p) {
   EXPECT_EQ(unpacked(kMono12p, {0x21, 0x43, 0x65}, 2), (Values{0x321, 0x654}));
   EXPECT_EQ(unpacked(kMono12p, {0x21, 0x43, 0x65, 0xBC, 0x0A}, 3), (Values{0x321, 0x654, 0xABC}));
@@ -41,7 +41,7 @@ TEST(AravisPixels, Mono12Packed) {
 }
 
 TEST(AravisPixels, Mono10p) {
-  // 0b11'1111'1111, 0, 0b10'0000'0001, 0b01'1111'1110 from the lowest bit up.
+  // The pixels are 0b11'1111'1111, 0, 0b10'0000'0001 and 0b01'1111'1110, from the lowest bit up.
   EXPECT_EQ(unpacked(kMono10p, {0xFF, 0x03, 0x10, 0xA0, 0x7F}, 4),
             (Values{0x3FF, 0x000, 0x201, 0x1FE}));
   EXPECT_EQ(unpacked(kMono10p, {0xFF, 0x03}, 1), (Values{0x3FF}));
@@ -67,7 +67,7 @@ TEST(AravisPixels, UnpackingUndoesPackingForAnyNumberOfPixels) {
 }
 
 TEST(AravisPixels, UnknownCodesAreNotFound) {
-  EXPECT_EQ(find_pixel_coding(0x02180014), nullptr);  // RGB8
+  EXPECT_EQ(find_pixel_coding(0x02180014), nullptr);  // This is RGB8.
   EXPECT_EQ(find_pixel_coding(0), nullptr);
 }
 

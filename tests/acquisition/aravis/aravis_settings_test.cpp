@@ -1,4 +1,5 @@
-// What a GenICam camera is told, what it really does, and how wrong settings are refused.
+// These tests check what a GenICam camera is told, what it really does, and how wrong settings are
+// refused.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -101,8 +102,8 @@ TEST_F(AravisSettings, EveryKindOfFeatureCanBeSet) {
 
 TEST_F(AravisSettings, WhatTheCameraDoesOtherwiseIsSaid) {
   CameraOptions options = packets();
-  options.exposure_us = 5000.4;  // it keeps whole microseconds
-  options.gain_db = 3;           // it has a raw gain
+  options.exposure_us = 5000.4;  // The camera keeps whole microseconds.
+  options.gain_db = 3;           // The camera has a raw gain.
   options.packet_delay_ns = 0;
   options.trigger = Trigger::kFree;
   const auto notes = open(options)->notes();

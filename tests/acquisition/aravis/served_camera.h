@@ -1,4 +1,4 @@
-// A fake GigE Vision camera with images whose every pixel is known, and what arrives of them.
+// This serves images whose every pixel is known as a GigE Vision camera, and checks what arrives.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -19,7 +19,7 @@
 
 namespace curlew {
 
-/// Images of random pixels, as counts and as the bytes a camera sends.
+/// Holds images of random pixels, as counts and as the bytes that a camera sends.
 struct KnownImages {
   int rows = 0;
   int cols = 0;
@@ -38,7 +38,7 @@ struct KnownImages {
   }
 };
 
-/// left_shift: how far up in the 16 bits the camera puts its values.
+/// Makes such images. left_shift: how many bits up in the 16 the camera puts its values.
 inline KnownImages known_images(int rows, int cols, std::uint32_t code, std::size_t images = 7,
                                 int left_shift = 0) {
   const PixelCoding& coding = *find_pixel_coding(code);
@@ -62,7 +62,8 @@ constexpr std::uint32_t kMono8 = 0x01080001;
 constexpr std::uint32_t kMono12 = 0x01100005;
 constexpr std::uint32_t kMono16 = 0x01100007;
 
-/// Tests that serve a camera. Each has a network to itself, or waits for its turn.
+/// Is the base of tests that serve a camera. Each test has a network to itself, or waits for its
+/// turn.
 class ServedCamera : public testing::Test {
  protected:
   void SetUp() override { addresses_ = claim_loopback(); }
@@ -73,7 +74,7 @@ class ServedCamera : public testing::Test {
   static CameraOptions packets(int bytes = 8192) {
     CameraOptions options;
     options.packet_size_bytes = bytes;
-    options.frame_retention_us = 1'000'000;  // the server shares its CPUs with everybody
+    options.frame_retention_us = 1'000'000;  // The server shares its CPUs with others.
     return options;
   }
   static std::unique_ptr<Camera> open(const CameraOptions& options = packets()) {
@@ -83,13 +84,13 @@ class ServedCamera : public testing::Test {
   int addresses_ = 0;
 };
 
-/// The pipeline's side: takes frames and checks them.
+/// Plays the pipeline: it takes frames and checks them.
 class Taker {
  public:
   Taker(FrameExchange& exchange, const KnownImages& images)
       : exchange_(exchange), images_(images) {}
 
-  /// Takes frames until it has `frames` more; false where none comes for ten seconds.
+  /// Takes `frames` more frames. Returns false if none comes for ten seconds.
   bool take(int frames) {
     for (int i = 0; i < frames; ++i)
       if (!take_one(10'000'000)) return false;

@@ -28,7 +28,7 @@ bool contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
 }
 
-// One sentence: names the file, has no line break.
+// Expects one sentence that names the file, contains `part` and has no line break.
 void expect_sentence(const std::string& text, const std::string& path, const std::string& part) {
   EXPECT_TRUE(contains(text, path)) << text;
   EXPECT_TRUE(contains(text, part)) << text << "\nlacks: " << part;
@@ -114,7 +114,7 @@ TEST(FitsFile, KeysComeBackWithTheirTypes) {
   out.write_key("LONG", long_text);
   out.write_key("UNKNOWN", kNaN, "nobody knows");
   out.write_key("GREEK", std::string("5 µm"));
-  out.write_key("FLAG", false);  // replaces
+  out.write_key("FLAG", false);  // This replaces the first value.
   out.commit();
   FitsFile in = FitsFile::open(path);
   EXPECT_EQ(in.key_double("REAL"), 633e-9);
@@ -126,7 +126,7 @@ TEST(FitsFile, KeysComeBackWithTheirTypes) {
   EXPECT_EQ(in.key_double("UNKNOWN"), std::nullopt);
   EXPECT_EQ(in.key_double("ABSENT"), std::nullopt);
   EXPECT_EQ(in.key_string("ABSENT"), std::nullopt);
-  EXPECT_EQ(in.key_string("GREEK"), "5 ??m");  // a header holds ASCII only
+  EXPECT_EQ(in.key_string("GREEK"), "5 ??m");  // A header holds ASCII only.
   expect_sentence(failure_text([&] { in.key_double("TEXT"); }), path, "the key TEXT as a number");
   EXPECT_TRUE(contains(read_bytes(path), "[m] a wavelength"));
 }
@@ -163,7 +163,7 @@ TEST(FitsFile, HdusAreFoundByNameAndIndex) {
 TEST(FitsFile, FewerPlanesThanPromisedKeepWhatFollows) {
   const ScratchDirectory scratch;
   const std::string path = scratch / "planes.fits";
-  constexpr int kPlane = 40 * 50;  // more than a FITS block, so that shrinking moves blocks
+  constexpr int kPlane = 40 * 50;  // It is more than a FITS block, so shrinking moves blocks.
   std::vector<float> plane(kPlane);
   FitsFile out = FitsFile::create(path);
   out.create_image(ElementType::kF32, {10, 40, 50}, "ONE");
@@ -202,7 +202,7 @@ TEST(FitsFile, PlanesGrow) {
   out.resize_planes(2);
   out.create_table("LATER", std::array<ColumnSpec, 1>{{{"A", 'J', ""}}});
   out.select(0);
-  out.resize_planes(3);  // now something follows
+  out.resize_planes(3);  // Now a table follows.
   out.commit();
   FitsFile in = FitsFile::open(path);
   EXPECT_EQ(in.image().shape, (std::vector<std::int64_t>{3, 30, 100}));
@@ -274,7 +274,7 @@ TEST(FitsFile, BadFilesAreNamedInOneSentence) {
   expect_sentence(refusal("gzip.fits"), "gzip.fits", "not a valid FITS");
   expect_sentence(refusal("axes.fits"), "axes.fits", "12 dimensions");
   expect_sentence(refusal("."), scratch.path(), "is a directory");
-  if (geteuid() != 0) {  // root reads everything
+  if (geteuid() != 0) {  // Root reads everything.
     write_bytes(scratch / "secret.fits", raw_image_header(8, {"1", "1"}));
     std::filesystem::permissions(scratch / "secret.fits", std::filesystem::perms::none);
     expect_sentence(refusal("secret.fits"), "secret.fits", "Permission denied");
@@ -308,7 +308,7 @@ TEST(FitsFile, AbsurdSizesAreRefusedBeforeAnythingIsAllocated) {
   EXPECT_NE(refusal("d.fits", {"99999999999999999999", "2"}), "");
   expect_sentence(refusal("e.fits", {"1000", "1000", "1000000"}), "e.fits", "is truncated");
 
-  // As large as the header says, and mostly made of nothing.
+  // This file is as large as its header says, and mostly a hole.
   const std::string path = scratch / "sparse.fits";
   write_bytes(path, raw_image_header(8, {"1000000", "1000000"}));
   std::error_code error;
@@ -326,7 +326,7 @@ TEST(FitsFile, TruncatedTablesAreRefusedUnlessAskedForWhatIsThere) {
   out.create_table("DATA", std::array<ColumnSpec, 1>{{{"N", 'K', ""}}});
   out.write_column("N", 0, std::span(values));
   out.commit();
-  // Two header blocks, then 8 bytes a row; the block that is cut cannot be read.
+  // The file has two header blocks, then 8 bytes per row. The block that is cut cannot be read.
   std::filesystem::resize_file(path, 2 * 2880 + 4 * 2880 + 1003);
   FitsFile in = FitsFile::open(path);
   in.select("DATA");
@@ -347,8 +347,8 @@ TEST(FitsFile, CannotBeCreatedWhereThereIsNoPlaceForIt) {
                   "cannot be written");
 }
 
-// Writes an image in a process that may write no file larger than limit_bytes. Exit code 0: one
-// Failure that names the file, and nothing left behind.
+// Writes an image in a process that may write no file larger than limit_bytes. Exit code 0 means
+// that there was one Failure, which names the file, and that nothing is left behind.
 [[noreturn]] void write_against_limit(const ScratchDirectory& scratch, rlim_t limit_bytes,
                                       std::int64_t planes) {
   std::signal(SIGXFSZ, SIG_IGN);
@@ -368,7 +368,7 @@ TEST(FitsFile, CannotBeCreatedWhereThereIsNoPlaceForIt) {
 
 TEST(FitsFileDeathTest, DiskFullIsOneSentenceAndLeavesNothing) {
   const ScratchDirectory scratch;
-  // While pixels are written, and, in small files, not before the file is closed.
+  // The disk is full while pixels are written, or, for small files, only when the file is closed.
   EXPECT_EXIT(write_against_limit(scratch, 200000, 1000), testing::ExitedWithCode(0), "");
   EXPECT_EXIT(write_against_limit(scratch, 5000, 2), testing::ExitedWithCode(0), "");
   EXPECT_EXIT(write_against_limit(scratch, 0, 1), testing::ExitedWithCode(0), "");

@@ -44,7 +44,7 @@ void write_doubles(const std::string& path, const std::vector<std::int64_t>& sha
   write_cube(path, ElementType::kF64, shape, pixels);
 }
 
-// All frames in physical ADU, one after the other.
+// Returns all frames in physical ADU, one after the other.
 std::vector<double> replay_adu(FitsSource& source) {
   FrameBuffer buffer(source.format());
   const FrameFormat& format = source.format();
@@ -106,14 +106,14 @@ TEST(FitsSource, TheMapHasScaleOneWhereverTheRangeAllows) {
     EXPECT_FALSE(source.map_report().empty());
     return source.format().scale_adu;
   };
-  EXPECT_EQ(scale_of(-10, 65525), 1.0);                     // whole numbers, just fits
-  EXPECT_EQ(scale_of(3, 4), 1.0);                           // whole numbers
-  EXPECT_EQ(scale_of(0.5, 4096.5), 1.0);                    // wide enough to round
-  EXPECT_DOUBLE_EQ(scale_of(0.5, 4096.4), 4095.9 / 65535);  // not wide enough
+  EXPECT_EQ(scale_of(-10, 65525), 1.0);   // These are whole numbers that just fit.
+  EXPECT_EQ(scale_of(3, 4), 1.0);         // These are whole numbers.
+  EXPECT_EQ(scale_of(0.5, 4096.5), 1.0);  // The span is wide enough to round.
+  EXPECT_DOUBLE_EQ(scale_of(0.5, 4096.4), 4095.9 / 65535);  // The span is not wide enough.
   EXPECT_DOUBLE_EQ(scale_of(-10, 65526), 65536.0 / 65535);
   EXPECT_DOUBLE_EQ(scale_of(-1e200, 1e200), 2e200 / 65535);
-  EXPECT_EQ(scale_of(7.25, 7.25), 1.0);  // constant
-  EXPECT_EQ(scale_of(0, 5e-324), 1.0);   // as good as constant
+  EXPECT_EQ(scale_of(7.25, 7.25), 1.0);  // The values are constant.
+  EXPECT_EQ(scale_of(0, 5e-324), 1.0);   // They are as good as constant.
   EXPECT_DOUBLE_EQ(scale_of(0.1, 0.2), 0.1 / 65535);
 }
 
@@ -175,7 +175,7 @@ TEST(FitsSource, AShortOrMissingFrameTableStillReplays) {
   EXPECT_EQ(sequence,
             (std::vector<std::int64_t>{0, 1, 2, 3, 100, 103, 104, 105, 106, 107, 108, 109}));
   EXPECT_EQ(status, (std::vector<std::uint32_t>{0, 0, 0, 0, 8, 8, 0, 0, 0, 0, 0, 0}));
-  EXPECT_EQ(source.next(buffer), Delivery::kEnd);  // and stays there
+  EXPECT_EQ(source.next(buffer), Delivery::kEnd);  // It must stay at the end.
 }
 
 TEST(FitsSource, AFrameTableThatWasCutOffStillReplays) {
@@ -187,7 +187,8 @@ TEST(FitsSource, AFrameTableThatWasCutOffStillReplays) {
   for (std::size_t i = 0; i < sequence.size(); ++i) sequence[i] = 7 + static_cast<std::int64_t>(i);
   write_frame_table(file, sequence);
   file.commit();
-  // Header, 4000 bytes of pixels in two blocks, table header, 12 bytes a row.
+  // The file has a header, 4000 bytes of pixels in two blocks, a table header, and 12 bytes per
+  // row.
   const std::uintmax_t table = 2880 + 2 * 2880;
   for (const std::uintmax_t size : {table + 2880 + 12 * 500 + 5, table + 1000, table}) {
     std::filesystem::resize_file(path, size);
@@ -282,7 +283,7 @@ TEST(FitsSource, WhatCannotBeReplayedIsRefusedInOneSentence) {
 
 TEST(MeanImage, IsTheMeanAndTheScatterOverFrames) {
   const ScratchDirectory scratch;
-  // A large bias, where a sum of squares would cancel.
+  // With a bias this large a sum of squares would cancel.
   write_doubles(scratch / "a.fits", {3, 1, 3}, {1e9, 5, kNaN, 1e9 + 1, 5, 1, 1e9 + 2, 5, 1});
   const MeanImage stack = read_mean_image(scratch / "a.fits");
   EXPECT_EQ(stack.frames, 3);
@@ -309,16 +310,16 @@ TEST(FitsSource, RealFramesReplay) {
   const MeanImage mean = read_mean_image(path);
   ASSERT_EQ(values.size(), mean.mean.size());
   for (std::size_t k = 0; k < values.size(); ++k) {
-    // Half a count is what mapping may cost.
+    // Mapping may cost half a count.
     ASSERT_NEAR(values[k], mean.mean[k], 0.5001 * source.format().scale_adu) << k;
   }
 }
 
-// Cubes that astropy wrote: see tests/support/astropy_peer.py for the formulas.
+// These tests read cubes that astropy wrote; tests/support/astropy_peer.py has the formulas.
 class AstropyCubes : public testing::Test {
  protected:
   void SetUp() override {
-    static const ScratchDirectory shared;  // astropy takes its time: write once for all tests
+    static const ScratchDirectory shared;  // astropy is slow and writes once for all tests.
     static const PeerAnswer answer = ask_astropy("write", shared.path());
     if (answer.exit_code == 77) GTEST_SKIP() << "astropy is not installed";
     ASSERT_EQ(answer.exit_code, 0) << answer.text;
@@ -392,7 +393,7 @@ TEST_F(AstropyCubes, NanInfinityAndBlankAreBadPixels) {
 
 TEST_F(AstropyCubes, ACutCompressedCubeIsTruncated) {
   const std::string path = scratch_ / "i32_compressed.fits";
-  // The padding goes first, then the tiles.
+  // This cuts off first the padding and then tiles.
   std::filesystem::resize_file(path, std::filesystem::file_size(path) - 2880);
   const std::string text = failure_text([&] { FitsSource source({path}); });
   EXPECT_TRUE(contains(text, path) && contains(text, "is truncated")) << text;

@@ -25,12 +25,12 @@
 #include "tests/support/numbered_frames.h"
 #include "tests/support/scratch_directory.h"
 
-// The process ends in the middle of its n-th change of a file, where a test asks for that.
+// If a test asks for it, the process ends in its n-th change of a file.
 namespace {
 
 struct Death {
   long changes_left = std::numeric_limits<long>::max();
-  bool halfway = false;  // the change is half done
+  bool halfway = false;  // Whether the last change is half done.
 };
 Death death;
 
@@ -72,11 +72,11 @@ FrameFormat format_of(int rows, int cols, PixelType type) {
 }
 
 const std::vector<FrameFormat> kFormats{
-    format_of(5, 7, PixelType::kU8),        // smaller than the table
-    format_of(37, 53, PixelType::kU16),     // a bit more than a block
-    format_of(160, 200, PixelType::kU16)};  // much larger than the table
+    format_of(5, 7, PixelType::kU8),        // A frame is smaller than the table.
+    format_of(37, 53, PixelType::kU16),     // A frame is a bit more than a block.
+    format_of(160, 200, PixelType::kU16)};  // A frame is much larger than the table.
 
-/// Frames `from` to `to`, that one not included.
+/// Appends the frames from `from` to `to`, the last not included.
 void append_numbered(GrowingRecording& recording, const FrameFormat& format, std::int64_t from,
                      std::int64_t to) {
   FrameBuffer frame(format);
@@ -91,7 +91,8 @@ std::unique_ptr<GrowingRecording> begin(const std::string& path, const FrameForm
                                             Detector{.bit_depth = 12}, "curlew 0.0 test");
 }
 
-/// How many frames replay, each with the right pixels; `has_table`: and the right header.
+/// Returns how many frames replay. Checks that each has the right pixels and, if `has_table`, the
+/// right header.
 std::int64_t replayed(const std::string& path, bool has_table) {
   FitsSource source({path});
   EXPECT_EQ(source.optics().pitch_m, 1.5e-4);
@@ -126,13 +127,13 @@ TEST(GrowingRecording, EndsAsTheFileThatRecordingWriterMakes) {
         EXPECT_EQ(recording->committed(), from);
         recording->commit();
         EXPECT_EQ(recording->committed(), to);
-        // While it grows it is whole for readers.
+        // While the file grows it must be whole for readers.
         EXPECT_EQ(replayed(scratch / "rec.fits", true), to);
         from = to;
       }
       append_numbered(*recording, format, from, from + 3);
       EXPECT_EQ(replayed(scratch / "rec.fits", true), 150);
-    }  // the last 3 were not committed
+    }  // The last 3 were not committed.
     RecordingWriter writer(scratch / "expected.fits", format, Optics{.pitch_m = 1.5e-4},
                            Detector{.bit_depth = 12}, "curlew 0.0 test");
     FrameBuffer frame(format);
@@ -144,7 +145,7 @@ TEST(GrowingRecording, EndsAsTheFileThatRecordingWriterMakes) {
     std::string bytes = read_bytes(scratch / "rec.fits");
     const std::string expected = read_bytes(scratch / "expected.fits");
     EXPECT_EQ(bytes.size(), expected.size());
-    EXPECT_TRUE(bytes == expected) << "the same bytes";
+    EXPECT_TRUE(bytes == expected) << "both files must have the same bytes";
   }
 }
 
@@ -174,7 +175,7 @@ TEST(GrowingRecording, IsReadableWheneverTheProcessDies) {
           death = {changes, halfway};
           auto recording = begin(path, format);
           for (int commit = 0; commit < kCommits; ++commit) {
-            // Few frames and many.
+            // Commits are of one frame and of seven in turn.
             const std::int64_t to = progress->appended + (commit % 2 == 0 ? 1 : 7);
             for (; progress->appended < to; ++progress->appended) {
               append_numbered(*recording, format, progress->appended, progress->appended + 1);
@@ -189,7 +190,8 @@ TEST(GrowingRecording, IsReadableWheneverTheProcessDies) {
         ASSERT_EQ(waitpid(child, &status, 0), child);
         ASSERT_TRUE(WIFEXITED(status));
         finished = WEXITSTATUS(status) == 0;
-        ASSERT_TRUE(finished || WEXITSTATUS(status) == 9) << "not by our hand";
+        ASSERT_TRUE(finished || WEXITSTATUS(status) == 9)
+            << "the child died otherwise than the test asked for";
         if (!std::filesystem::exists(path)) {
           EXPECT_EQ(progress->committed, 0) << path;
           continue;
@@ -206,10 +208,11 @@ TEST(GrowingRecording, IsReadableWheneverTheProcessDies) {
   }
   munmap(shared, sizeof(Progress));
   EXPECT_GT(files, 100);
-  // Of a commit's changes only the last two find the old table overwritten: the bytes where it was,
-  // half done, and NAXIS3, not done or half done.
+  // A file is without its table only if the process dies in one of a commit's last two changes:
+  // when the bytes where the old table was are half written, or when NAXIS3 is not written or half
+  // written.
   constexpr int kWeakMoments = 3 * kCommits;
-  EXPECT_GT(without_table, 0) << "no death hit the weak moment";
+  EXPECT_GT(without_table, 0) << "no process died in one of the moments without a table";
   EXPECT_LE(without_table, kWeakMoments * static_cast<int>(kFormats.size()));
 
   const PeerAnswer answer = ask_astropy("recordings", scratch.path());
@@ -232,9 +235,11 @@ TEST(GrowingRecording, IsReadableWheneverTheProcessDies) {
     if (recording.warnings > 0) ++longer_files;
   }
   EXPECT_EQ(without_table_there, without_table);
-  // Where a few small frames do not move the table the next one is there before NAXIS3 says so.
+  // If a few small frames do not move the table, the next table is there before NAXIS3 counts its
+  // frames.
   EXPECT_LE(longer_tables, kWeakMoments);
-  // The next UNFINISHED ends later than the old one, and the file gets longer first.
+  // The next UNFINISHED ends later than the old one, and the file gets longer before the old one is
+  // replaced.
   EXPECT_LE(longer_files, kWeakMoments * static_cast<int>(kFormats.size()));
 }
 

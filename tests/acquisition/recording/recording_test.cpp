@@ -48,7 +48,7 @@ const Detector kDetector{
     .e_per_adu = 2.2, .read_noise_e = 1.3, .saturation_adu = 4095.0, .bit_depth = 12};
 const std::vector<TruthVortex> kTruth{{0, 1.25, 2.5, 1, 3.5}, {2, 0.1, 7.75, -1, kInfinity}};
 
-// The n-th of a reproducible series of frames.
+// Makes the n-th of a reproducible series of frames.
 void fill(FrameBuffer& frame, int n) {
   std::mt19937 random(kSeed + static_cast<unsigned>(n));
   for (std::size_t i = 0; i < frame.format().bytes(); ++i) {
@@ -146,7 +146,7 @@ TEST(Recording, WithoutVorticesTheTruthIsAnEmptyTableAndWithoutTruthThereIsNone)
     EXPECT_EQ(truth.has_value(), with_truth);
     EXPECT_TRUE(!truth || truth->empty());
   }
-  // What is not known is not in the header.
+  // What is not known must not be in the header.
   const FitsSource source({scratch / "rec.fits"});
   EXPECT_TRUE(std::isnan(source.optics().pitch_m));
   EXPECT_EQ(source.optics().magnification, 1.0);
@@ -224,7 +224,8 @@ TEST(Recording, AstropyReadsIt) {
   }
 }
 
-// Records until the file may not grow further. Exit code 0: one Failure, nothing left.
+// Records until the file may not grow further. Exit code 0 means that there was one Failure and
+// that nothing is left behind.
 [[noreturn]] void record_against_limit(const ScratchDirectory& scratch) {
   std::signal(SIGXFSZ, SIG_IGN);
   const rlimit limit{100000, 100000};

@@ -33,8 +33,8 @@ Scene scene_with(const SceneVortex& vortex) {
   return scene;
 }
 
-// The phase gained on the way (0,0) → (0,1) → (1,1) → (1,0) of samples, which is from +x towards
-// +y: DESIGN.md's sense of a positive charge.
+// Returns the phase gained on the way (0,0) → (0,1) → (1,1) → (1,0) of samples, which is from +x
+// towards +y. In this sense the phase grows round a positive charge (docs/conventions.md).
 double turn(const Image<Complex>& f) {
   const Complex corner[] = {f(0, 0), f(0, 1), f(1, 1), f(1, 0)};
   double sum = 0.0;
@@ -52,7 +52,7 @@ TEST(Beam, PhaseOfAPositiveVortexGrowsFromXToY) {
   }
 }
 
-// φ = Im ln[ξ(x+iy) + ζ(x−iy)] has the gradient (x ŷ − y x̂)·cosα / Q (PHYSICS.md).
+// φ = Im ln[ξ(x+iy) + ζ(x−iy)] has the gradient (x ŷ − y x̂)·cosα / Q (the paper's Eqs. 17–20).
 TEST(Beam, VortexPhaseHasItsGradient) {
   const double alpha = 0.8;
   const double beta = 2.1;
@@ -88,7 +88,7 @@ TEST(Beam, AmplitudeIsUniformOrLinearToTheCoreRadius) {
   }
 }
 
-// Tilt in rad per pitch; Zernike 2 of rms a over a disc of radius R is 2ax/R.
+// The tilt is in rad per pitch, and Zernike 2 of rms a over a disc of radius R is 2ax/R.
 TEST(Beam, TiltAndZernikeAddUp) {
   Scene scene;
   scene.tilt_x_rad = 0.3;
@@ -124,7 +124,7 @@ TEST(Beam, RefusesScenesThatMakeNoSense) {
   EXPECT_THROW(Beam(scene, 4, 4, 8, 2.0), UsageError);
 }
 
-// Two vortices of linear amplitude.
+// Makes a field with two vortices of linear amplitude.
 SampledField make_field(int rows, int cols, int n) {
   SampledField field{Image<std::complex<float>>(rows * n, cols * n), n};
   for (int i = 0; i < rows * n; ++i) {
@@ -170,7 +170,7 @@ TEST(SampledField, ThatDoesNotFitIsRefused) {
   write_field(path, make_field(4, 4, 8));
   EXPECT_THROW(read_sampled_field(path, 4, 5), Failure);
   EXPECT_THROW(read_sampled_field(path, 3, 4), Failure);
-  EXPECT_THROW(read_sampled_field(path, 32, 32), Failure);  // one sample a lenslet
+  EXPECT_THROW(read_sampled_field(path, 32, 32), Failure);  // This would be one sample per lenslet.
   write_field(path, make_field(4, 4, 8), 1);
   EXPECT_THROW(read_sampled_field(path, 4, 4), Failure);
   SampledField hole = make_field(4, 4, 8);

@@ -16,7 +16,7 @@ using Complex = std::complex<double>;
 
 constexpr double kPi = std::numbers::pi;
 
-// A field of rows × cols lenslets, margin included, from a function of lenslet units.
+// Samples a function of lenslet units over rows × cols lenslets and a margin round them.
 template <typename Function>
 SampledField sample_field(int rows, int cols, int n, Function value, int margin = 0) {
   SampledField field;
@@ -64,15 +64,17 @@ TEST(FieldVortices, MarginIsCountedBeyondTheArray) {
   EXPECT_TRUE(find_field_vortices(sample_field(4, 4, 8, value)).empty());
 }
 
-// Two vortices of linear amplitude. One alone is bilinear, the other bends it a little.
+// The field has two vortices of linear amplitude. One alone would be bilinear, and the other bends
+// it a little.
 TEST(FieldVortices, TwoBendEachOtherByWhatTheoryAllows) {
   const std::vector<SceneVortex> found =
       find_field_vortices(sample_field(4, 4, 8, [](double x, double y) {
         return Complex(x - 1.23, y - 0.41) * std::conj(Complex(x - 2.5, y - 2.6));
       }));
   ASSERT_EQ(found.size(), 2U);
-  // The product's second derivatives are 2 along x and y: interpolation over h = 1/8 is off by
-  // 2·2·h²/8 = .0078, the field's gradient is the other factor, 2.5: .0031 pitches.
+  // The product's second derivatives are 2 along x and y, so interpolation over h = 1/8 is off by
+  // 2·2·h²/8 = .0078. The field's gradient is the other factor, 2.5, so the place is off by .0031
+  // pitches.
   EXPECT_NEAR(found[0].x, 1.23, 3.2e-3);
   EXPECT_NEAR(found[0].y, 0.41, 3.2e-3);
   EXPECT_EQ(found[0].charge, 1);
@@ -101,7 +103,7 @@ TEST(FieldVortices, WindingIsThatOfThePhaseDifferences) {
     EXPECT_TRUE(found[0].x >= -0.26 && found[0].x <= 0.26);
     EXPECT_TRUE(found[0].y >= -0.26 && found[0].y <= 0.26);
   }
-  EXPECT_GT(with_vortex, 5000);  // a third of all, for four independent phases
+  EXPECT_GT(with_vortex, 5000);  // Of all sets of four independent phases a third wind.
 }
 
 TEST(FieldVortices, NoneInTiltedOrDarkOrCurvedLight) {

@@ -39,7 +39,7 @@ double total(const Image<double>& patch) {
   return std::accumulate(patch.begin(), patch.end(), 0.0);
 }
 
-// Centre of gravity along x, pixels from the patch's centre.
+// Returns the centre of gravity along x, in pixels from the patch's centre.
 double centroid_x(const Image<double>& patch) {
   double sum = 0.0;
   for (int i = 0; i < patch.rows(); ++i) {
@@ -48,7 +48,7 @@ double centroid_x(const Image<double>& patch) {
   return sum / total(patch);
 }
 
-// ∫ of |aperture(u)|² over a pixel, by Gauss points dense enough for 1e-14.
+// Integrates |aperture(u)|² over a pixel, by Gauss points dense enough for 1e-14.
 template <typename Aperture>
 double integrate_pixel(const Aperture& aperture, double from, double to) {
   double sum = 0.0;
@@ -73,8 +73,9 @@ TEST(LensletOptics, ParsevalForAnyField) {
       value = {random.gaussian(), random.gaussian()};
       power += std::norm(value) / static_cast<double>(field.size());
     }
-    // The whole period of the far field: `samples` λ/w, here with 3 pixels each.
-    EXPECT_NEAR(total(far_field(field, 3.0, 3 * samples)), power, 1e-12 * power);  // rounding
+    // The patch is the whole period of the far field, `samples` λ/w, here with 3 pixels each.
+    EXPECT_NEAR(total(far_field(field, 3.0, 3 * samples)), power,
+                1e-12 * power);  // This is rounding.
   }
 }
 
@@ -95,14 +96,14 @@ TEST(LensletOptics, PixelsAreIntegratedExactly) {
           const double u = (k - 0.5 * (kPatch - 1)) / per_lambda_w;
           return integrate_pixel(dirichlet, u - 0.5 / per_lambda_w, u + 0.5 / per_lambda_w);
         };
-        EXPECT_NEAR(patch(i, j), side(i) * side(j), 1e-12);  // rounding
+        EXPECT_NEAR(patch(i, j), side(i) * side(j), 1e-12);  // This is rounding.
       }
     }
   }
 }
 
-// A continuous lenslet has sinc². Point samples differ by (πu/n)²/3 of the intensity, u being at
-// most 4 λ/w here, so that doubling n divides the error by 4.
+// The spot of a continuous lenslet is sinc². Point samples differ by (πu/n)²/3 of the intensity, u
+// being at most 4 λ/w here, so that doubling n divides the error by 4.
 TEST(LensletOptics, SpotTendsToSincSquared) {
   const auto sinc = [](double u) {
     return std::abs(u) < 1e-9 ? 1.0 : std::sin(kPi * u) / (kPi * u);
@@ -121,8 +122,8 @@ TEST(LensletOptics, SpotTendsToSincSquared) {
       }
     }
   }
-  EXPECT_LT(error[0], 2e-4);  // of a peak of .15: (π·.5/32)²/3 twice over is 1.6e-3 of it
-  EXPECT_NEAR(error[0] / error[1], 4.0, 0.1);  // the next order
+  EXPECT_LT(error[0], 2e-4);  // The peak is .15; (π·.5/32)²/3 twice is 1.6e-3 of it.
+  EXPECT_NEAR(error[0] / error[1], 4.0, 0.1);  // The next order leaves this.
 }
 
 // One pixel is a slope of 2π over the pixels per λ/w: the pattern moves as a whole, to larger
@@ -133,13 +134,13 @@ TEST(LensletOptics, SlopeMovesTheSpotExactly) {
       far_field(plane_wave(32, 3 * 2.0 * kPi / 2.5, -2.0 * kPi / 2.5), 2.5, 24);
   for (int i = 1; i < 24; ++i) {
     for (int j = 0; j + 3 < 24; ++j) {
-      EXPECT_NEAR(moved(i - 1, j + 3), still(i, j), 1e-13);  // rounding
+      EXPECT_NEAR(moved(i - 1, j + 3), still(i, j), 1e-13);  // This is rounding.
     }
   }
 }
 
-// PHYSICS.md, gain of a finite window ±W for small tilts: 1 − 2W·sinc²(W)/∫sinc². Fine pixels
-// stand for the continuous window; the last row is for pixels of .5 λ/w.
+// The gain of a finite window ±W for small tilts is 1 − 2W·sinc²(W)/∫sinc². Fine pixels stand for
+// the continuous window; the last row is for pixels of .5 λ/w.
 TEST(LensletOptics, WindowGainForSmallTilts) {
   struct Row {
     double half_window;
@@ -150,11 +151,12 @@ TEST(LensletOptics, WindowGainForSmallTilts) {
                         Row{2.0, 20.0, 1.000}, Row{4.0, 20.0, 1.000}, Row{1.5, 2.0, 0.852}}) {
     const auto patch_px =
         static_cast<int>(std::lround(2.0 * row.half_window * row.pixels_per_lambda_w));
-    const double slope = 0.01;  // small: the gain changes by 1e-5 with it
+    const double slope = 0.01;  // It is small and changes the gain by 1e-5.
     const Image<double> patch =
         far_field(plane_wave(128, slope, 0.0), row.pixels_per_lambda_w, patch_px);
     const double moved_px = slope * row.pixels_per_lambda_w / (2.0 * kPi);
-    // The table's last digit (5e-4), and pixels of .05 λ/w (2e-4 at W = 1.5).
+    // The tolerance is for the table's last digit (5e-4) and for pixels of .05 λ/w (2e-4 at W =
+    // 1.5).
     EXPECT_NEAR(centroid_x(patch) / moved_px, row.gain, 1e-3) << "W = " << row.half_window;
   }
 }

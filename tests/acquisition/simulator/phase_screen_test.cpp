@@ -27,9 +27,9 @@ double part(const Screens& screens, int i, int j, bool second) {
   return static_cast<double>(second ? screens(i, j).imag() : screens(i, j).real());
 }
 
-// D(r) = 2[B(0) − B(r)] with von Kármán's covariance
-// B(r) = (L0/r0)^(5/3) c Γ(11/6)/(2^(5/6) π^(8/3)) (2πr/L0)^(5/6) K_(5/6)(2πr/L0),
-// c = (24/5 Γ(6/5))^(5/6).
+// Returns D(r) = 2[B(0) − B(r)] with von Kármán's covariance
+//   B(r) = (L0/r0)^(5/3) c Γ(11/6)/(2^(5/6) π^(8/3)) (2πr/L0)^(5/6) K_(5/6)(2πr/L0),
+//   c = (24/5 Γ(6/5))^(5/6).
 double von_karman_structure(double r, double r0, double outer_scale) {
   const double scale = std::pow(outer_scale / r0, 5.0 / 3.0) * std::tgamma(11.0 / 6.0) *
                        std::pow(24.0 / 5.0 * std::tgamma(6.0 / 5.0), 5.0 / 6.0) /
@@ -45,7 +45,8 @@ TEST(PhaseScreens, TheoryIsFriedsWhereTheOuterScaleIsFar) {
   EXPECT_NEAR(von_karman_structure(r, 1.0, 1e6) / std::pow(r, 5.0 / 3.0), 6.88, 0.02);
 }
 
-// What a screen's frequencies add up to, against theory. Below 4 points the spectrum's end counts.
+// This compares what a screen's frequencies add up to with theory. Below 4 points the spectrum's
+// end counts.
 TEST(PhaseScreens, FrequenciesAddUpToTheStructureFunction) {
   const int n = 256;
   const double spacing = 0.008;
@@ -54,8 +55,8 @@ TEST(PhaseScreens, FrequenciesAddUpToTheStructureFunction) {
     const double r = points * spacing;
     EXPECT_NEAR(inside.expected_structure(r, 0.0) / von_karman_structure(r, 0.7, 1.0), 1.0, 0.015);
   }
-  // Outer scales far beyond the grid: the subharmonics. Beyond an eighth of the
-  // width their coarse steps show, 2.5 % at a quarter.
+  // Outer scales far beyond the grid test the subharmonics. Beyond an eighth of the width their
+  // coarse steps show: they make 2.5 % at a quarter.
   for (const double outer_scale : {10.0, 400.0}) {
     PhaseScreens beyond(n, spacing, {0.7, outer_scale, 0.0}, true, kSeed);
     for (const int points : {4, 8, 16, 32}) {
@@ -67,7 +68,8 @@ TEST(PhaseScreens, FrequenciesAddUpToTheStructureFunction) {
   }
 }
 
-// The screens themselves, against the same theory: the mean over realisations, with its scatter.
+// Compares the screens themselves with the same theory, by the mean over realisations and its
+// scatter.
 void expect_structure(int n, double outer_scale, bool subharmonics, int lag, int realisations) {
   SCOPED_TRACE(::testing::Message()
                << "seed " << kSeed << ", outer scale " << outer_scale << ", lag " << lag);
@@ -96,14 +98,14 @@ void expect_structure(int n, double outer_scale, bool subharmonics, int lag, int
   const double mean = sum / count;
   const double error = std::sqrt((squares / count - mean * mean) / (count - 1.0));
   EXPECT_LT(error, 0.06);
-  EXPECT_NEAR(mean, 1.0, 4.0 * error + 0.025);  // 4 standard errors, and what frequencies lack
+  EXPECT_NEAR(mean, 1.0, 4.0 * error + 0.025);  // The .025 is what frequencies lack.
 }
 
 TEST(PhaseScreens, StructureFunctionIsVonKarmans) {
   expect_structure(128, 0.5, false, 8, 40);
   expect_structure(128, 0.5, false, 32, 40);
   expect_structure(128, 400.0, true, 8, 80);
-  expect_structure(128, 400.0, true, 32, 160);  // mostly tilt: slow to average
+  expect_structure(128, 400.0, true, 32, 160);  // This is mostly tilt, which is slow to average.
 }
 
 TEST(PhaseScreens, BothScreensHaveTheirVariance) {
@@ -122,7 +124,8 @@ TEST(PhaseScreens, BothScreensHaveTheirVariance) {
   }
   const double points = static_cast<double>(n) * n * kRealisations;
   const double expected = screens.expected_variance();
-  // Some 18 outer scales a screen, 1000 in all: 4.5 % a standard error.
+  // A screen has an area of some 18 outer scales squared, 1000 in all, so a standard error is 4.5
+  // %.
   EXPECT_NEAR(variance[0] / points / expected, 1.0, 0.15) << "seed " << kSeed;
   EXPECT_NEAR(variance[1] / points / expected, 1.0, 0.15) << "seed " << kSeed;
   EXPECT_NEAR(product / points / expected, 0.0, 0.15) << "seed " << kSeed;
@@ -145,7 +148,7 @@ TEST(PhaseScreens, DependOnSeedRealisationAndPairAlone) {
 
 // More points over the same width are the same screen in more detail.
 TEST(PhaseScreens, FinerGridDrawsTheSameScreen) {
-  const VonKarman spectrum{0.2, 10.0, 0.15};  // an inner scale that both grids resolve
+  const VonKarman spectrum{0.2, 10.0, 0.15};  // Both grids resolve the inner scale.
   PhaseScreens coarse(64, 0.02, spectrum, true, kSeed);
   PhaseScreens fine(128, 0.01, spectrum, true, kSeed);
   const Screens a = draw(coarse, 64, 3);
@@ -155,8 +158,8 @@ TEST(PhaseScreens, FinerGridDrawsTheSameScreen) {
   }
 }
 
-// Frozen flow: whole points along x and y, other ones for the second screen; then half a point
-// twice.
+// The flow is frozen. Both screens move by whole points along x and y, the second by others than
+// the first.
 TEST(PhaseScreens, WindMovesEachScreenByItsOwnShift) {
   const int n = 64;
   const double spacing = 0.02;
@@ -166,7 +169,7 @@ TEST(PhaseScreens, WindMovesEachScreenByItsOwnShift) {
       draw(screens, n, 4, 0, {3 * spacing, -5 * spacing}, {-7 * spacing, 64 * spacing});
   for (int i = 0; i < n; ++i) {
     for (int j = 0; j < n; ++j) {
-      // Float rounding of screens of some 10 rad.
+      // The tolerance is for float rounding of screens of some 10 rad.
       EXPECT_NEAR(moved((i + n - 5) % n, (j + 3) % n).real(), still(i, j).real(), 1e-4);
       EXPECT_NEAR(moved(i, (j + n - 7) % n).imag(), still(i, j).imag(), 1e-4);
     }
@@ -192,7 +195,7 @@ TEST(PhaseScreens, WindMovesSubharmonics) {
   for (int j = 0; j < n; ++j) {
     slow += static_cast<double>(std::norm(still(0, j) - without(0, j)));
   }
-  EXPECT_GT(slow / n, 1.0);  // there is something to move
+  EXPECT_GT(slow / n, 1.0);  // There must be something to move.
 }
 
 }  // namespace

@@ -20,14 +20,15 @@ using Complex = std::complex<double>;
 constexpr double kPi = std::numbers::pi;
 constexpr std::uint64_t kSeed = 3;
 
-// A periodic plane wave whose whole grid of n points is delivered, 4.1 √(λL) wide.
+// Makes a path for a periodic plane wave whose whole grid of n points, 4.1 √(λL) wide, is
+// delivered.
 TurbulentPath whole_grid(double variance, int n = 256) {
   TurbulentPath path;
   path.rytov_variance = variance;
   path.grid = n;
   path.grid_samples = 8;
   path.lenslet = 4.096 * path.grid_samples / n;
-  path.inner_scale = 0.05;  // three points of 256
+  path.inner_scale = 0.05;  // This is three points of 256.
   return path;
 }
 
@@ -48,7 +49,7 @@ double scintillation_index(const SampledField& field) {
   return squares / static_cast<double>(field.values.size()) / std::pow(mean_power(field), 2) - 1.0;
 }
 
-// A periodic field with its first row and column repeated at the end.
+// Returns a periodic field with its first row and column repeated at the end.
 SampledField wrapped(const SampledField& field) {
   const int n = field.values.rows();
   SampledField result = field;
@@ -128,7 +129,8 @@ TEST(TurbulentPath, WindIsInterpolatedAlongThePath) {
   }
 }
 
-// U = exp(−r²/(w² q))/q, q = 1 + iz/z_R, to the power that the array is promised.
+// The analytic beam is U = exp(−r²/(w² q))/q, q = 1 + iz/z_R, scaled to the power that the array is
+// promised.
 TEST(Propagation, GaussianBeamInStillAirIsTheAnalyticOne) {
   TurbulentPath path;
   path.rytov_variance = 0.0;
@@ -159,7 +161,8 @@ TEST(Propagation, GaussianBeamInStillAirIsTheAnalyticOne) {
       const double y = (i + 0.5) / 12 - 6.5 - margin;
       const double x = (j + 0.5) / 12 - 4.0 - margin;
       const Complex expected = analytic(x, y) / std::sqrt(power);
-      // Amplitudes up to 1.3 in float, five steps; the sum over the array instead of its integral.
+      // The tolerance is for amplitudes up to 1.3 in float over five steps, and for the sum over
+      // the array instead of its integral.
       ASSERT_LT(std::abs(Complex(field.values(i, j)) - expected), 1e-4) << x << ", " << y;
     }
   }
@@ -183,7 +186,7 @@ TEST(Propagation, PlaneWaveKeepsItsEnergyAndVorticesCancel) {
     for (int k = 0; k < 3; ++k) {
       SampledField field;
       propagation.propagate(k, field);
-      EXPECT_NEAR(mean_power(field), 1.0, 1e-5);  // 20 transforms in float
+      EXPECT_NEAR(mean_power(field), 1.0, 1e-5);  // It has gone through 20 transforms in float.
       int total = 0;
       const auto found = find_field_vortices(wrapped(field));
       for (const SceneVortex& vortex : found) total += vortex.charge;
@@ -195,8 +198,8 @@ TEST(Propagation, PlaneWaveKeepsItsEnergyAndVorticesCancel) {
 }
 
 // In weak turbulence the log amplitude has the variance Σ Φ(f) sin²(πz f²) over screens and
-// frequencies, z from screen to lenslets over L, and the index is exp(4 times that) − 1. Theory in
-// the continuum: the Rytov variance, but for the inner scale.
+// frequencies, where z is the distance from screen to lenslets over L, and the index is exp(4 times
+// that) − 1. In the continuum theory it is the Rytov variance, but for the inner scale.
 TEST(Propagation, WeakScintillationIsRytovs) {
   for (const double variance : {0.05, 0.15}) {
     const TurbulentPath path = whole_grid(variance);
@@ -233,13 +236,14 @@ TEST(Propagation, WeakScintillationIsRytovs) {
                                       << ", first-order theory " << theory << ", error " << error);
     RecordProperty("index", std::to_string(mean));
     EXPECT_LT(error, 0.03 * variance);
-    // Four standard errors, and the second order: the index falls short by some variance².
+    // The tolerance is four standard errors and the second order, by which the index falls short:
+    // some variance².
     EXPECT_NEAR(mean, theory, 4.0 * error + 0.5 * variance * variance);
     EXPECT_NEAR(mean, variance, 0.1 * variance);
   }
 }
 
-// To the nearest opposite one.
+// Returns the distance to the nearest opposite vortex.
 double separation(const std::vector<SceneVortex>& all, const SceneVortex& vortex) {
   double nearest = 1e9;
   for (const SceneVortex& other : all) {
@@ -249,8 +253,9 @@ double separation(const std::vector<SceneVortex>& all, const SceneVortex& vortex
   return nearest;
 }
 
-// The same air on a grid twice as fine: as many vortices, and at the same places but for those that
-// are about to vanish in pairs, which move fast with everything. Lenslets of .128 √(λL).
+// The same air on a grid twice as fine must have as many vortices, and at the same places. Excepted
+// are those that are about to vanish in pairs, because they move fast with everything. Lenslets are
+// .128 √(λL) wide.
 TEST(Propagation, FinerGridFindsTheSameVortices) {
   const TurbulentPath coarse = whole_grid(2.0, 256);
   TurbulentPath fine = coarse;
@@ -282,7 +287,7 @@ TEST(Propagation, FinerGridFindsTheSameVortices) {
 }
 
 TEST(Propagation, DeliversTheArrayInTheMiddleOfTheGrid) {
-  const TurbulentPath path = whole_grid(1.0, 128);  // 16 lenslets of 8 points
+  const TurbulentPath path = whole_grid(1.0, 128);  // These are 16 lenslets of 8 points.
   SampledField whole;
   SampledField part;
   whole_grid_propagation(path).propagate(0, whole);
@@ -296,7 +301,7 @@ TEST(Propagation, DeliversTheArrayInTheMiddleOfTheGrid) {
       ASSERT_LT(std::abs(part.values(i, j) - whole.values(i + 16, j + 8)), 2e-5F);
     }
   }
-  // Thrice as fine: the middle one of three points is the grid's own.
+  // If the field is thrice as fine, the middle one of three points is the grid's own.
   SampledField fine;
   Propagation(path, 4, 6, 24, kSeed).propagate(0, fine);
   for (int i = 0; i < part.values.rows(); ++i) {
@@ -328,10 +333,10 @@ TEST(Propagation, FrameDependsOnSeedAndNumberAlone) {
   }
 }
 
-// One wind for all screens carries a periodic field along whole.
+// One wind for all screens must carry a periodic field along as a whole.
 TEST(Propagation, OneWindCarriesThePlaneWaveAlong) {
   TurbulentPath path = whole_grid(1.0, 128);
-  path.wind = {{0.25, -0.125}};  // 2 points right, 1 up a frame
+  path.wind = {{0.25, -0.125}};  // This is 2 points right and 1 up per frame.
   Propagation propagation = whole_grid_propagation(path);
   SampledField still;
   SampledField later;
@@ -345,7 +350,8 @@ TEST(Propagation, OneWindCarriesThePlaneWaveAlong) {
   }
 }
 
-// Different winds make the field evolve: like itself after a short time, another one after long.
+// Different winds make the field evolve: it is like itself after a short time, and another one
+// after a long time.
 TEST(Propagation, DifferentWindsMakeTheFieldEvolve) {
   TurbulentPath path = whole_grid(4.0, 128);
   path.wind = {{0.05, 0.0}, {-0.05, 0.02}};
@@ -367,13 +373,13 @@ TEST(Propagation, DifferentWindsMakeTheFieldEvolve) {
   EXPECT_LT(likeness(first, late), 0.3);
 }
 
-// A beam in turbulence loses what reaches the guard, and gains nothing.
+// A beam in turbulence must lose what reaches the guard, and gain nothing.
 TEST(Propagation, GuardTakesLightAndGivesNone) {
   TurbulentPath path;
   path.rytov_variance = 1.0;
   path.waist = 0.6;
   path.grid = 256;
-  path.lenslet = 0.128;  // 32 lenslets fill the grid
+  path.lenslet = 0.128;  // Then 32 lenslets fill the grid.
   path.grid_samples = 8;
   SampledField still;
   SampledField field;

@@ -27,8 +27,8 @@ TEST(RandomStream, SamePairSameNumbersOtherPairOthers) {
   EXPECT_EQ(equal, 0);
 }
 
-// Neighbouring streams are what successive frames draw from: their first numbers must not
-// correlate. 5 standard deviations of the mean of 100,000 products of variance 1/144.
+// Successive frames draw from neighbouring streams, whose first numbers must not correlate. The
+// bound is 5 standard deviations of the mean of 100,000 products of variance 1/144.
 TEST(RandomStream, SuccessiveStreamsAreUncorrelated) {
   SCOPED_TRACE(::testing::Message() << "seed " << kSeed);
   constexpr int kStreams = 100'000;
@@ -62,8 +62,9 @@ TEST(RandomStream, PoissonMeanAndVariance) {
   }
 }
 
-// χ² of the frequencies against the distribution, on both sides of the change of method. Classes
-// are pooled below 20 expected counts; the bound is 5 standard deviations of χ² above its mean.
+// This takes χ² of the frequencies against the distribution, on both sides of the change of method.
+// Classes are pooled below 20 expected counts; the bound is 5 standard deviations of χ² above its
+// mean.
 TEST(RandomStream, PoissonFrequencies) {
   SCOPED_TRACE(::testing::Message() << "seed " << kSeed);
   constexpr int kDraws = 400'000;
@@ -100,8 +101,8 @@ TEST(RandomStream, PoissonOfNothingIsNothing) {
   EXPECT_EQ(random.poisson(std::nan("")), 0.0);
 }
 
-// Moments, and the fraction beyond several limits (3.8 lies in the ziggurat's tail), each within
-// 5 standard deviations.
+// The moments and the fraction beyond several limits (3.8 lies in the ziggurat's tail) must each be
+// right within 5 standard deviations.
 TEST(RandomStream, GaussianMomentsAndTails) {
   SCOPED_TRACE(::testing::Message() << "seed " << kSeed);
   constexpr int kDraws = 2'000'000;

@@ -82,19 +82,19 @@ TEST(SimulatedTurbulence, TruthIsThatOfTheFieldOnTheArray) {
   EXPECT_GT(charges[0] * charges[1], 0.0);
 }
 
-// The mean of many frames is a lenslet's photons, less what falls beyond its window.
+// On average a lenslet must get its photons, less what falls off the detector.
 TEST(SimulatedTurbulence, LensletsGatherTheirPhotons) {
   SimulatorOptions options = turbulent_options();
   options.turbulence->rytov_variance = 0.2;
   options.turbulence->grid = 128;
-  options.rows = 16;  // the whole grid, whose mean is 1 exactly
+  options.rows = 16;  // This is the whole grid, whose mean is 1 exactly.
   options.cols = 16;
   options.photons = 1000.0;
   options.stray_light = StrayLight::kNeighbours;
   Simulator simulator(options);
   double sum = 0.0;
   for (const float electrons : simulator.expected_image_e(1)) sum += static_cast<double>(electrons);
-  // Some 2 % fall off the detector's edge.
+  // Some 2 % of the light fall off the detector's edge.
   EXPECT_NEAR(sum / 256.0, 985.0, 14.0) << "seed " << options.seed;
 }
 
@@ -108,7 +108,7 @@ TEST(SimulatedTurbulence, NoiseFreeFramesFillTheRange) {
     simulator.next(buffer);
     const auto* pixels = buffer.view().data<std::uint16_t>();
     const int peak = *std::max_element(pixels, pixels + simulator.format().pixels());
-    EXPECT_NEAR(peak, 100.0 + 0.75 * (65535.0 - 100.0), 1.0);  // rounding
+    EXPECT_NEAR(peak, 100.0 + 0.75 * (65535.0 - 100.0), 1.0);  // This is rounding.
     EXPECT_EQ(buffer.header.status, static_cast<std::uint32_t>(kFrameOk));
   }
 }

@@ -1,4 +1,5 @@
-// Vortices through the simulated sensor against PHYSICS.md, and the analytic slopes of the tests.
+// These tests hold vortices seen through the simulated sensor against known values of D, and check
+// the analytic slopes that other tests use.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -10,7 +11,8 @@
 namespace curlew {
 namespace {
 
-// D of cell (r, c), DESIGN.md's formula, from slopes as a function of (row, col).
+// Returns D of cell (r, c), by the formula of docs/conventions.md, from slopes as a function of
+// (row, col).
 template <typename Slope>
 double circulation(const Slope& s, int r, int c) {
   const auto a = s(r, c);
@@ -20,8 +22,8 @@ double circulation(const Slope& s, int r, int c) {
   return 0.5 * (a[0] + b[0] + b[1] + d[1] - d[0] - e[0] - e[1] - a[1]);
 }
 
-// Circulation on a vortex's node as seen through spots: centre of gravity over the whole window of
-// ±half_window λ/w, in double, no threshold, no gain.
+// Returns the circulation on a vortex's node as seen through spots: by the centre of gravity over
+// the whole window of ±half_window λ/w, in double, without threshold or gain.
 double simulated_circulation(VortexAmplitude amplitude, double half_window,
                              double pixels_per_lambda_w, SceneVortex vortex = {}) {
   SimulatorOptions options;
@@ -54,8 +56,8 @@ double simulated_circulation(VortexAmplitude amplitude, double half_window,
   return circulation(slope, 1, 1);
 }
 
-// PHYSICS.md prints two decimals (5e-3); 32 field samples a lenslet leave another 4e-3 (64 leave
-// 1e-3). Pixels of 1/8 λ/w stand for the continuous windows it means.
+// The known values have two decimals (5e-3); 32 field samples per lenslet leave another 4e-3 (64
+// leave 1e-3). They are for continuous windows, for which pixels of 1/8 λ/w stand.
 constexpr double kPrinted = 0.01;
 
 TEST(SimulatedVortex, LinearCoreThroughSpots) {
@@ -74,18 +76,19 @@ TEST(SimulatedVortex, UniformAmplitudeThroughSpots) {
   EXPECT_NEAR(simulated_circulation(kUniform, 4.0, 8.0), 4.23, kPrinted);
 }
 
-// The sensor of the benchmark, with pixels of .5 λ/w: what issue 2 asks for.
+// This is the sensor of the benchmark, with pixels of .5 λ/w.
 TEST(SimulatedVortex, PixelsOfHalfLambdaOverW) {
   EXPECT_NEAR(simulated_circulation(VortexAmplitude::kLinearCore, 4.0, 2.0), 3.05, 0.05);
   EXPECT_NEAR(simulated_circulation(VortexAmplitude::kUniform, 4.0, 2.0), 4.23, 0.05);
-  // The mirrored field has the opposite circulation, to the floats of the image.
+  // The mirrored field must have the opposite circulation, as precisely as the image's floats
+  // allow.
   EXPECT_NEAR(simulated_circulation(VortexAmplitude::kLinearCore, 4.0, 2.0, {.charge = -1}),
               -simulated_circulation(VortexAmplitude::kLinearCore, 4.0, 2.0), 1e-4);
 }
 
 TEST(AnalyticSlopes, UniformMeanAtACorner) {
   const auto mean = mean_phase_gradient({.x = 0.5, .y = 0.5}, 0, 0);
-  // ±(π/4 + ln2/2), PHYSICS.md; quadrature to 1e-13 a side.
+  // The value is ±(π/4 + ln2/2), the paper's Eq. 13. The quadrature is right to 1e-13 per side.
   EXPECT_NEAR(mean[0], 1.131971753677421, 1e-12);
   EXPECT_NEAR(mean[1], -1.131971753677421, 1e-12);
 }
@@ -94,8 +97,8 @@ double uniform_circulation(const TestVortex& vortex) {
   return circulation([&](int r, int c) { return mean_phase_gradient(vortex, r, c); }, 0, 0);
 }
 
-// PHYSICS.md, "any position and morphology", μ and ν being the cell's place seen from the vortex,
-// and the table's singular places. It prints 12 and 9 decimals.
+// The values, of 12 and of 9 decimals, are those of the paper's Eq. A1 for any position and
+// morphology, some at its singular places. μ and ν are the cell's place seen from the vortex.
 TEST(AnalyticSlopes, UniformMeanOfAnyVortex) {
   const auto d = [](double mu, double nu, double alpha, double beta) {
     return uniform_circulation(
@@ -121,7 +124,7 @@ TEST(AnalyticSlopes, LinearCoreOnANode) {
     for (int c = 1; c <= 3; ++c) sum += circulation(slope, r, c);
   }
   EXPECT_NEAR(sum, 5.7857, 5e-5);
-  // Anisotropic cores, to the two decimals printed.
+  // The values for stretched cores are known to two decimals.
   const std::array<TestVortex, 1> flat{
       TestVortex{.x = 2.5, .y = 2.5, .alpha_rad = 0.785398163, .beta_rad = 3.141592654}};
   EXPECT_NEAR(circulation([&](int r, int c) { return weighted_phase_gradient(flat, r, c); }, 2, 2),
@@ -146,7 +149,7 @@ TEST(AnalyticSlopes, FieldsAreWhollyValidAndRoundToFloat) {
                                      static_cast<double>(uniform.y(r, c))};
       },
       1, 1);
-  EXPECT_NEAR(d, 3.730, 5e-4);  // PHYSICS.md, canonical dipole with s = 1
+  EXPECT_NEAR(d, 3.730, 5e-4);  // This is a round dipole of separation 1.
 }
 
 }  // namespace

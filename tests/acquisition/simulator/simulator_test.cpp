@@ -22,7 +22,7 @@ std::vector<std::byte> bytes_of(const FrameBuffer& buffer, const FrameFormat& fo
   return {buffer.view().pixels, buffer.view().pixels + format.bytes()};
 }
 
-// The mean light in one lenslet's window, electrons.
+// Returns the mean light in one lenslet's window, in electrons.
 double light_in_window(const Image<float>& image, int window_px, int row, int col) {
   double sum = 0.0;
   for (int i = 0; i < window_px; ++i) {
@@ -94,14 +94,14 @@ TEST(Simulator, WithoutEndHasNoCount) {
 TEST(Simulator, OpticsAgreeWithTheSpots) {
   SimulatorOptions options = small_options();
   options.samples_per_lambda_w = 2.5;
-  options.scene.tilt_y_rad = 2.0 * 2.0 * kPi / 2.5;  // two pixels down
+  options.scene.tilt_y_rad = 2.0 * 2.0 * kPi / 2.5;  // This is two pixels down.
   Simulator tilted(options);
   EXPECT_NEAR(tilted.optics().slope_rad_per_px(), 2.0 * kPi / 2.5, 1e-12);
   options.scene.tilt_y_rad = 0.0;
   Simulator flat(options);
   for (int i = 0; i < 6; ++i) {
     for (int j = 0; j < 8; ++j) {
-      // Float images of 5000 electrons.
+      // The images are float, with 5000 electrons per lenslet.
       EXPECT_NEAR(tilted.expected_image_e()(8 + i + 2, 16 + j),
                   flat.expected_image_e()(8 + i, 16 + j), 1e-3);
     }
@@ -115,7 +115,7 @@ TEST(Simulator, OpticsAgreeWithTheSpots) {
 
 TEST(Simulator, NeighboursGetWhatCroppingLoses) {
   SimulatorOptions options;
-  options.rows = 9;  // 32 samples: the far field is 64 px wide, 4 windows to either side
+  options.rows = 9;  // The far field of 32 samples is 64 px wide, 4 windows to either side.
   options.cols = 9;
   options.photons = 1000.0;
   Simulator cropped(options);
@@ -124,7 +124,7 @@ TEST(Simulator, NeighboursGetWhatCroppingLoses) {
   // ±2 λ/w of sinc² hold .94994 of the light along each axis; 32 samples make it 6e-4 more.
   EXPECT_NEAR(light_in_window(cropped.expected_image_e(), 8, 4, 4) / 1000.0, 0.94994 * 0.94994,
               2e-3);
-  // In the middle each window gets from the others what it loses to them. Float rounding.
+  // In the middle each window gets from the others what it loses to them, but for float rounding.
   EXPECT_NEAR(light_in_window(shared.expected_image_e(), 8, 4, 4), 1000.0, 1e-2);
 }
 
@@ -134,14 +134,14 @@ TEST(Simulator, RoundAndObscuredPupils) {
   options.cols = 8;
   options.pupil = PupilShape::kRound;
   const Simulator round(options);
-  // Centres at ±½, 1½, 2½, 3½: those within 4 pitches are all but 3 in every corner.
+  // Centres lie at ±½, 1½, 2½, 3½: those within 4 pitches are all but 3 in every corner.
   int lit = 0;
   for (const auto value : round.lit()) lit += value;
   EXPECT_EQ(lit, 64 - 4 * 3);
   EXPECT_EQ(round.lit()(0, 0), 0);
   EXPECT_EQ(round.lit()(0, 2), 1);
   options.pupil = PupilShape::kObscured;
-  options.obscuration = 0.3;  // 1.2 pitches: the four in the middle
+  options.obscuration = 0.3;  // 1.2 pitches take away the four in the middle.
   Simulator obscured(options);
   EXPECT_EQ(obscured.lit()(3, 3), 0);
   EXPECT_EQ(obscured.lit()(3, 2), 1);
@@ -149,7 +149,7 @@ TEST(Simulator, RoundAndObscuredPupils) {
   EXPECT_GT(light_in_window(obscured.expected_image_e(), 8, 3, 2), 4000.0);
 }
 
-// Mean and variance of counts over many frames against (signal + background)/g + bias and
+// The mean and the variance of counts over many frames must be (signal + background)/g + bias and
 // (signal + background + read noise²)/g² + 1/12 of rounding.
 TEST(Simulator, NoiseHasItsMeanAndVariance) {
   SimulatorOptions options;
@@ -178,7 +178,8 @@ TEST(Simulator, NoiseHasItsMeanAndVariance) {
     const double electrons = static_cast<double>(simulator.expected_image_e()[p]);
     const double variance = (electrons + 4.0) / 0.25 + 1.0 / 12.0;
     const double mean = sum[p] / kFrames;
-    // 5 standard deviations; that of a variance is √(2/N) of it, here at most 10 % more.
+    // The bounds are 5 standard deviations; that of a variance is √(2/N) of it, here at most 10 %
+    // more.
     EXPECT_NEAR(mean, 100.0 + electrons / 0.5, 5.0 * std::sqrt(variance / kFrames));
     EXPECT_NEAR(squares[p] / kFrames - mean * mean, variance,
                 5.0 * 1.1 * variance * std::sqrt(2.0 / kFrames));
@@ -219,7 +220,7 @@ TEST(Simulator, NoiseFreeFramesAreAllAlike) {
     EXPECT_EQ(bytes_of(a, simulator.format()), bytes_of(b, simulator.format()));
     const auto* pixels = a.view().data<std::uint16_t>();
     const int peak = *std::max_element(pixels, pixels + simulator.format().pixels());
-    EXPECT_NEAR(peak, 100.0 + 0.75 * (65535.0 - 100.0), 1.0);  // rounding
+    EXPECT_NEAR(peak, 100.0 + 0.75 * (65535.0 - 100.0), 1.0);  // This is rounding.
     EXPECT_EQ(simulator.detector().read_noise_e, 0.0);
   }
 }
@@ -241,7 +242,7 @@ TEST(Simulator, TruthOfADipole) {
   EXPECT_EQ(first[0].separation, 1.25);
   EXPECT_EQ(first[1].x, 15.25);
   EXPECT_EQ(first[1].charge, -1);
-  // Four frames on, the negative one has left the array; the other still knows its distance.
+  // Four frames later the negative one has left the array, and the other still knows its distance.
   const std::vector<TruthVortex> later = simulator.truth(4);
   ASSERT_EQ(later.size(), 1U);
   EXPECT_EQ(later[0].frame, 4);
@@ -256,7 +257,7 @@ TEST(Simulator, LoneVortexIsInfinitelyFarFromOpposites) {
   add_preset("vortex", parameters, options);
   const std::vector<TruthVortex> truth = Simulator(options).truth(0);
   ASSERT_EQ(truth.size(), 1U);
-  EXPECT_EQ(truth[0].x, 2.5);  // the node next to the middle of 6 columns and 4 rows
+  EXPECT_EQ(truth[0].x, 2.5);  // It is the node next to the middle of 6 columns and 4 rows.
   EXPECT_EQ(truth[0].y, 1.5);
   EXPECT_EQ(truth[0].charge, -1);
   EXPECT_TRUE(std::isinf(truth[0].separation));
@@ -282,8 +283,8 @@ TEST(Simulator, PresetsCombineAndUnknownOnesAreNamed) {
   EXPECT_THROW(add_preset("field", {}, options), UsageError);
 }
 
-// The far field of a field that comes from a file is that of the same scene computed, whatever
-// unit the file is in; its vortices are the truth.
+// A field that comes from a file must give the far field of the same scene computed, whatever unit
+// the file is in, and its vortices must be the truth.
 TEST(Simulator, FieldFromAFile) {
   SimulatorOptions computed = small_options();
   computed.field_samples = 16;
@@ -317,12 +318,12 @@ TEST(Simulator, FieldFromAFile) {
   Simulator from_file(read);
   Simulator from_scene(computed);
   for (std::size_t k = 0; k < from_file.expected_image_e().size(); ++k) {
-    // Fields in float: 1e-7 of 1000 electrons a pixel, over 256 points.
+    // Fields are float, which leaves 1e-7 of 1000 electrons per pixel, over 256 points.
     ASSERT_NEAR(from_file.expected_image_e()[k], from_scene.expected_image_e()[k], 1e-2);
   }
   const auto truth = from_file.truth(0);
   ASSERT_EQ(truth.size(), 1U);
-  EXPECT_NEAR(truth[0].x, 2.5, 1e-6);  // amid four samples, by symmetry
+  EXPECT_NEAR(truth[0].x, 2.5, 1e-6);  // By symmetry it is amid four samples.
   EXPECT_NEAR(truth[0].y, 1.5, 1e-6);
   EXPECT_EQ(truth[0].charge, 1);
 }
@@ -336,7 +337,7 @@ TEST(Simulator, RefusesOptionsThatMakeNoSense) {
   refused([](auto& o) { o.rows = 0; });
   refused([](auto& o) { o.cols = 1 << 30; });
   refused([](auto& o) { o.window_px = 0; });
-  refused([](auto& o) { o.window_px = 100; });  // wider than 32 field samples can hold
+  refused([](auto& o) { o.window_px = 100; });  // It is wider than 32 field samples can hold.
   refused([](auto& o) { o.samples_per_lambda_w = 0.0; });
   refused([](auto& o) { o.field_samples = 1; });
   refused([](auto& o) { o.photons = -1.0; });

@@ -11,7 +11,7 @@
 namespace curlew {
 namespace {
 
-// Noll's Table I, written out.
+// The expected values are Noll's Table I, written out.
 TEST(Zernike, FirstElevenAreNolls) {
   for (const double rho : {0.0, 0.3, 1.0}) {
     for (const double theta : {0.0, 0.7, 2.5, 4.0}) {
@@ -33,7 +33,7 @@ TEST(Zernike, FirstElevenAreNolls) {
           std::sqrt(5.0) * (6.0 * r2 * r2 - 6.0 * r2 + 1.0),
       };
       for (int j = 1; j <= 11; ++j) {
-        EXPECT_NEAR(Zernike(j)(x, y), expected[j - 1], 1e-14) << "Z" << j;  // rounding
+        EXPECT_NEAR(Zernike(j)(x, y), expected[j - 1], 1e-14) << "Z" << j;  // This is rounding.
       }
     }
   }

@@ -15,7 +15,7 @@
 #include <stdexcept>
 #include <utility>
 
-// What the sanitizers are told, in every run: umockdev is preloaded before ASan's library, and TSan
+// The sanitizers are told this in every run: umockdev is preloaded before ASan's library, and TSan
 // does not see the locks inside libraries that are not built with it. Nothing of ours is named.
 #if defined(__SANITIZE_ADDRESS__)
 extern "C" const char* __asan_default_options() { return "verify_asan_link_order=0"; }
@@ -32,12 +32,12 @@ namespace {
 
 using std::chrono::steady_clock;
 
-/// A reaping ioctl with nothing to reap is answered after this long: a plain file, which stands for
-/// the device, is always ready, and libusb would spin.
+/// A reaping ioctl that has nothing to reap is answered after this long, because a plain file,
+/// which stands for the device, is always ready, and libusb would spin.
 constexpr auto kReapWait = std::chrono::milliseconds(1);
 constexpr std::size_t kDeviceBuffer = 1 << 20;
 
-/// The devices that may be asked, held while one is.
+/// These are the devices that may be asked. The mutex is held while one is.
 std::mutex alive_mutex;
 std::set<void*> alive;
 
@@ -71,7 +71,8 @@ usbdevfs_urb urb_of(UMockdevIoctlData* data) {
 
 }  // namespace
 
-// umockdev_in_mock_environment() of 0.17.16 says no under its own wrapper.
+// umockdev_in_mock_environment() of 0.17.16 says no under its own wrapper, so this looks for the
+// preloaded library.
 bool usb_can_be_emulated() {
   const char* preloaded = std::getenv("LD_PRELOAD");
   return preloaded != nullptr && std::strstr(preloaded, "umockdev-preload") != nullptr;
@@ -116,7 +117,8 @@ EmulatedUsbDevice::~EmulatedUsbDevice() {
     g_clear_pointer(&transfer.buffer, umockdev_ioctl_data_unref);
     umockdev_ioctl_data_unref(transfer.urb);
   }
-  // The nodes stay attached: one that is detached while somebody has it open never answers again.
+  // The nodes stay attached, because one that is detached while somebody has it open never answers
+  // again.
   for (const auto& [node, connection] : connections_) g_object_unref(connection);
 }
 
@@ -138,7 +140,7 @@ void EmulatedUsbDevice::plug() {
     const Lock lock(mutex_);
     if (plugged_) throw std::logic_error("plugged in already");
     plugged_ = true;
-    static int last_address = 4;  // as the kernel counts, over all devices
+    static int last_address = 4;  // It counts as the kernel does, over all devices.
     address_ = ++last_address;
     connections_.emplace_back(node(), connection);
     outgoing_.clear();
@@ -217,7 +219,7 @@ void EmulatedUsbDevice::break_transfers(int endpoint, int status) {
   reap();
 }
 
-/// Gives what waits to the transfers that wait.
+/// Gives the bytes that wait to the transfers that wait.
 void EmulatedUsbDevice::serve(int endpoint) {
   auto& queue = outgoing_[endpoint];
   while (!queue.empty()) {
@@ -231,8 +233,8 @@ void EmulatedUsbDevice::serve(int endpoint) {
     out.taken += n;
     waiting_bytes_[endpoint] -= n;
     const bool at_end = out.taken == out.bytes.size();
-    // A full transfer ends by itself. Where its last packet is full too an empty one comes after
-    // it, and that is another transfer's.
+    // A full transfer ends by itself. If its last packet is full too, an empty one comes after it,
+    // and that belongs to another transfer.
     const bool full = found->data.size() == found->length;
     const bool short_packet = at_end && out.ends_packet && !full;
     if (full || short_packet) complete(static_cast<std::size_t>(found - pending_.begin()), 0);
@@ -243,7 +245,7 @@ void EmulatedUsbDevice::serve(int endpoint) {
   taken_.notify_all();
 }
 
-/// A pending transfer is done: it will be reaped.
+/// Moves a pending transfer to those that are done, so that it will be reaped.
 void EmulatedUsbDevice::complete(std::size_t index, int status) {
   Transfer transfer = std::move(pending_[index]);
   pending_.erase(pending_.begin() + static_cast<std::ptrdiff_t>(index));
@@ -261,7 +263,7 @@ void EmulatedUsbDevice::complete(std::size_t index, int status) {
   done_.push_back(std::move(transfer));
 }
 
-/// Answers those who want to reap, or have waited long enough.
+/// Answers those callers that want to reap and find something, or that have waited long enough.
 void EmulatedUsbDevice::reap() {
   const auto now = steady_clock::now();
   std::erase_if(reaping_, [&](Reaping& one) {
@@ -400,7 +402,7 @@ bool EmulatedUsbDevice::discard(std::uintptr_t address) {
   return true;
 }
 
-/// The control requests that are asked here: string descriptors, and to halt an endpoint.
+/// Answers the control requests that are asked here: string descriptors, and to halt an endpoint.
 void EmulatedUsbDevice::answer_control(Transfer& transfer) {
   const guint8* setup = transfer.buffer->data;
   const int wanted = setup[6] | setup[7] << 8;

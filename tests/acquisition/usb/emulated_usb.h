@@ -1,4 +1,4 @@
-// USB devices that are not there, under umockdev: libusb, udev and the kernel's usbfs see them.
+// This emulates USB devices, under umockdev: libusb, udev and the kernel's usbfs see them.
 #pragma once
 
 #include <umockdev.h>
@@ -20,11 +20,11 @@ namespace curlew {
 
 using Bytes = std::vector<std::uint8_t>;
 
-/// True where the program runs under umockdev-wrapper.
+/// Says whether the program runs under umockdev-wrapper.
 bool usb_can_be_emulated();
 
-/// An empty /sys and /dev for this process. One for all its life: Aravis listens to the first it
-/// ever saw.
+/// Is an empty /sys and /dev for this process. There is one for all its life, because Aravis
+/// listens to the first that it ever saw.
 class EmulatedUsb {
  public:
   static EmulatedUsb& instance();
@@ -47,8 +47,8 @@ struct UsbIdentity {
   Bytes descriptors;  ///< device descriptor, then the configuration with all it contains
 };
 
-/// One device. plug() and unplug() as often as wanted. What send() is given waits, as in a device's
-/// buffer, until the host has transfers for it.
+/// Emulates one device, which may be plugged and unplugged as often as wanted. The bytes given to
+/// send() wait, as in a device's buffer, until the host has transfers for them.
 class EmulatedUsbDevice {
  public:
   explicit EmulatedUsbDevice(UsbIdentity identity);
@@ -61,36 +61,39 @@ class EmulatedUsbDevice {
   bool plugged() const;
   std::string node() const;  ///< "/dev/bus/usb/001/005"
 
-  /// The next bytes of a bulk IN endpoint; ends_packet: a short (or empty) packet ends with them.
-  /// Waits while much is waiting already. False where the device is not plugged in.
+  /// Sends the next bytes of a bulk IN endpoint. ends_packet: a short (or empty) packet ends with
+  /// them. Waits while many bytes are waiting already. Returns false if the device is not plugged
+  /// in.
   bool send(int endpoint, std::span<const std::uint8_t> bytes, bool ends_packet);
-  /// Waits until the host has taken everything sent; false where it did not within 10 s.
+  /// Waits until the host has taken everything sent. Returns false if it did not within 10 s.
   bool drained();
-  /// Every transfer under way on this endpoint comes back with this (negative) errno.
+  /// Makes every transfer under way on this endpoint come back with this (negative) errno.
   void break_transfers(int endpoint, int status);
 
-  // How the kernel behaves.
-  bool busy = false;                            ///< another program has the interface
-  std::size_t memory_limit_bytes = 1ULL << 40;  ///< usbfs memory
+  // These say how the kernel behaves.
+  bool busy = false;                            ///< whether another program has the interface
+  std::size_t memory_limit_bytes = 1ULL << 40;  ///< limit of usbfs memory
 
-  int opened_transfers() const;  ///< under way now
+  int opened_transfers() const;  ///< the number of transfers under way now
 
  protected:
-  /// The host wrote to a bulk OUT endpoint.
+  /// Is called when the host wrote to a bulk OUT endpoint.
   virtual void received(int /*endpoint*/, const Bytes& /*bytes*/) {}
 
-  /// Unplugs it for good; received() is never called again. First of all in every destructor: who
-  /// has the node open may go on asking when this object is gone.
+  /// Unplugs the device for good; received() is never called again. Every destructor must call it
+  /// first of all, because a process that has the node open may go on asking when this object is
+  /// gone.
   void retire();
 
  private:
-  /// One time of being plugged in. Who had the device open then never sees it again.
+  /// Stands for one time of being plugged in. A process that had the device open then never sees it
+  /// again.
   using Connection = UMockdevIoctlBase*;
   struct Transfer {
     Connection connection = nullptr;
     UMockdevIoctlData* urb = nullptr;
     UMockdevIoctlData* buffer = nullptr;
-    Bytes data;  ///< received so far
+    Bytes data;  ///< bytes received so far
     int endpoint = 0;
     std::size_t length = 0;
   };
@@ -122,7 +125,8 @@ class EmulatedUsbDevice {
   UsbIdentity identity_;
   std::string syspath_;
   int address_ = 0;
-  std::vector<std::pair<std::string, Connection>> connections_;  ///< by node; the last is now
+  std::vector<std::pair<std::string, Connection>>
+      connections_;  ///< by node; the last is the one now
 
   mutable std::mutex mutex_;
   std::condition_variable taken_;

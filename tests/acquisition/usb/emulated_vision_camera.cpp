@@ -13,7 +13,7 @@ constexpr int kStreamIn = 0x82;
 constexpr std::size_t kPacket = 1024;
 constexpr std::uint32_t kMono16 = 0x01100007;
 
-// Where the registers are. The first table's place is fixed by the standard (GenCP, U3V).
+// The registers are here. The first table's place is fixed by the standard (GenCP, U3V).
 constexpr std::size_t kSbrm = 0x1000;
 constexpr std::size_t kSirm = 0x2000;
 constexpr std::size_t kManifest = 0x3000;
@@ -70,7 +70,7 @@ std::string node(const std::string& type, const std::string& name, const std::st
       .append(">\n");
 }
 
-/// An unsigned 32-bit register and the integer feature it holds.
+/// Describes an unsigned 32-bit register and the integer feature that it holds.
 std::string integer(const std::string& name, std::size_t address, const std::string& access,
                     int maximum) {
   return node("IntReg", name + "Reg",
@@ -201,7 +201,7 @@ bool EmulatedVisionCamera::send_leader(std::uint64_t id) {
   append<std::uint16_t>(leader, 52);
   append<std::uint64_t>(leader, id);
   append<std::uint16_t>(leader, 0);
-  append<std::uint16_t>(leader, 1);             // an image
+  append<std::uint16_t>(leader, 1);             // This is an image.
   append<std::uint64_t>(leader, 1000000 * id);  // its time, ns
   append<std::uint32_t>(leader, kMono16);
   append<std::uint32_t>(leader, static_cast<std::uint32_t>(cols_));
@@ -233,7 +233,7 @@ bool EmulatedVisionCamera::send_part_of_frame(std::uint64_t id,
          send(kStreamIn, {reinterpret_cast<const std::uint8_t*>(pixels.data()), bytes}, false);
 }
 
-/// GenCP: memory is read and written.
+/// Answers GenCP commands, which read and write memory.
 void EmulatedVisionCamera::received(int /*endpoint*/, const Bytes& bytes) {
   constexpr std::uint16_t kReadMemory = 0x0800;
   constexpr std::uint16_t kWriteMemory = 0x0802;

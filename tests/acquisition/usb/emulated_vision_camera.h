@@ -1,4 +1,4 @@
-// A USB3 Vision camera that is not there: registers, a GenICam description, a stream of Mono16.
+// This emulates a USB3 Vision camera: registers, a GenICam description, and a stream of Mono16.
 #pragma once
 
 #include <cstdint>
@@ -19,13 +19,13 @@ class EmulatedVisionCamera : public EmulatedUsbDevice {
   static constexpr const char* kModel = "Vision 1";
   static constexpr const char* kSerial = "V0001";
 
-  /// The host has started the acquisition and enabled the stream.
+  /// Says whether the host has started the acquisition and enabled the stream.
   bool acquiring() const;
-  bool wait_until_acquiring() const;  ///< false where it did not within 10 s
+  bool wait_until_acquiring() const;  ///< Returns false if it did not within 10 s.
 
-  /// Leader, payload and trailer; false where it is not plugged in.
+  /// Sends leader, payload and trailer. Returns false if the camera is not plugged in.
   bool send_frame(std::uint64_t id, std::span<const std::uint16_t> pixels);
-  /// The leader and the first bytes of the payload.
+  /// Sends the leader and the first bytes of the payload.
   bool send_part_of_frame(std::uint64_t id, std::span<const std::uint16_t> pixels,
                           std::size_t bytes);
 

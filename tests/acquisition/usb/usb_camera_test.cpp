@@ -1,4 +1,4 @@
-// A plain bulk camera, emulated: streamed, damaged, unplugged, plugged in again, refused.
+// These tests stream, damage, unplug, plug in again and refuse an emulated plain bulk camera.
 #include "acquisition/usb/usb_camera.h"
 
 #include <gtest/gtest.h>
@@ -28,7 +28,8 @@ constexpr std::uint16_t kProduct = 0x60a1;
 constexpr int kEndpoint = 0x82;
 constexpr std::int64_t kLong_us = 10'000'000;
 
-/// One interface of a vendor's own, bulk IN 0x82 of 512 bytes in alternate setting 0.
+/// Describes a camera with one interface of a vendor's own: bulk IN 0x82 of 512 bytes in alternate
+/// setting 0.
 UsbIdentity bulk_camera() {
   return {
       kVendor,
@@ -63,7 +64,7 @@ class UsbCamera : public ::testing::Test {
     return open_usb_camera(kVendor, kProduct, options(layout), start);
   }
 
-  /// Sends frames [from, to), each one taken by `got` before the next is sent.
+  /// Sends frames [from, to). `got` takes each one before the next is sent.
   void stream(const UsbLayout& layout, FrameExchange& exchange, std::uint32_t from,
               std::uint32_t to, const std::function<void(std::uint32_t, FrameBuffer*)>& got) {
     for (std::uint32_t n = from; n < to; ++n) {
@@ -119,7 +120,7 @@ TEST_F(UsbCamera, FramesLargerThanATransferAndWithoutSync) {
   device_->plug();
   UsbLayout layout = stream_layout(8, false, false);
   layout.rows = 128;
-  layout.cols = 160;  // with header and trailer five transfers and a bit
+  layout.cols = 160;  // With header and trailer it is five transfers and a bit.
   const auto camera = open(layout);
   FrameExchange exchange(camera->format(), 4);
   camera->start(exchange);
@@ -127,7 +128,7 @@ TEST_F(UsbCamera, FramesLargerThanATransferAndWithoutSync) {
     EXPECT_EQ(buffer->header.sequence, n);
     EXPECT_EQ(copy_of(*buffer).pixels, stream_pixels(layout, n));
   });
-  // A frame that is a whole number of packets ends with an empty one.
+  // A frame that is a whole number of packets must end with an empty one.
   camera->stop();
   layout.header_bytes = 0;
   layout.trailer_bytes = 0;
@@ -173,7 +174,7 @@ TEST_F(UsbCamera, CutAndCorruptedFramesAreCountedAndNeverDelivered) {
   const FrameCounts counts = camera->counts();
   EXPECT_EQ(counts.delivered, taken);
   EXPECT_EQ(counts.incomplete, 10);
-  EXPECT_EQ(counts.lost, 10);  // those without their sync
+  EXPECT_EQ(counts.lost, 10);  // These are the frames without their sync.
   EXPECT_EQ(counts.wrong_size, 10);
   EXPECT_EQ(last - first + 1, counts.delivered + counts.dropped());
 }
@@ -261,7 +262,7 @@ TEST_F(UsbCamera, UnpluggedAtRandomMomentsAlsoInOpeningAndStopping) {
   SCOPED_TRACE("seed " + std::to_string(seed));
   std::mt19937 random(seed);
   const UsbLayout layout = stream_layout();
-  // Keeps libusb's socket for news open: umockdev aborts where one closes while it sends.
+  // This keeps libusb's socket for news open, because umockdev aborts if one closes while it sends.
   const UsbWatcher watcher([](UsbChange) {});
   int opened = 0;
   for (int round = 0; round < 20; ++round) {
@@ -320,7 +321,7 @@ TEST_F(UsbCamera, AStalledEndpointEndsTheStreamWithItsReason) {
   EXPECT_TRUE(exchange.closed());
   EXPECT_NE(camera->failure().find("stalled"), std::string::npos) << camera->failure();
   camera->stop();
-  // The same camera starts again.
+  // The same camera must start again.
   FrameExchange other(camera->format(), 4);
   camera->start(other);
   stream(layout, other, 3, 6, [](std::uint32_t, FrameBuffer*) {});
@@ -366,13 +367,13 @@ TEST_F(UsbCamera, TheKernelsMemoryLimitIsExplained) {
   const std::string text = failure_text([&] { camera->start(exchange); });
   EXPECT_NE(text.find("8 transfers of 4096 bytes"), std::string::npos) << text;
   EXPECT_NE(text.find("usbfs_memory_mb"), std::string::npos) << text;
-  EXPECT_EQ(device_->opened_transfers(), 0);  // those that found room were taken back
+  EXPECT_EQ(device_->opened_transfers(), 0);  // Transfers that found room were taken back.
   device_->memory_limit_bytes = 1 << 20;
   camera->start(exchange);
   stream(stream_layout(), exchange, 0, 3, [](std::uint32_t, FrameBuffer*) {});
 }
 
-/// As long as it lives the process may only do what an ordinary user may.
+/// Lets the process do only what an ordinary user may, as long as it lives.
 class OrdinaryUser {
  public:
   OrdinaryUser() : changed_(::geteuid() == 0 && ::seteuid(65534) == 0) {}
@@ -392,7 +393,7 @@ TEST_F(UsbCamera, AMissingPermissionIsExplainedWithTheRuleThatCuresIt) {
   EXPECT_EQ(list_usb_cameras()[0].problem, "");
   EXPECT_EQ(list_usb_cameras()[0].source, "usb:1d50:60a1");
   const std::string root = EmulatedUsb::instance().root();
-  // umockdev makes sockets here, and connects to the device's also where open() failed.
+  // umockdev makes sockets here, and connects to the device's socket even if open() failed.
   ASSERT_EQ(::chmod(root.c_str(), 0777), 0);
   ASSERT_EQ(::chmod((root + "/ioctl/" + device_->node()).c_str(), 0777), 0);
   ASSERT_EQ(::chmod(device_->node().c_str(), 0), 0);

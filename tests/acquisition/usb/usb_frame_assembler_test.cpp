@@ -13,7 +13,7 @@
 namespace curlew {
 namespace {
 
-/// Bytes on the wire and the places where a short packet ends.
+/// Holds the bytes on the wire and the places where a short packet ends.
 struct Wire {
   Bytes bytes;
   std::set<std::size_t> short_ends;
@@ -24,7 +24,7 @@ struct Wire {
   }
 };
 
-/// Feeds it all, cut wherever a short packet ends and at `cuts`.
+/// Feeds the whole wire, cut wherever a short packet ends and at `cuts`.
 void feed(Collector& collector, const Wire& wire, std::set<std::size_t> cuts) {
   cuts.insert(wire.short_ends.begin(), wire.short_ends.end());
   cuts.insert(wire.bytes.size());
@@ -42,7 +42,8 @@ auto as_tuple(const FrameCounts& c) {
                     c.lost, c.no_buffer);
 }
 
-/// Every number from the first frame delivered to the last one is in exactly one count.
+/// Expects that every number from the first frame delivered to the last one is in exactly one
+/// count.
 void expect_identity(const Collector& collector) {
   ASSERT_FALSE(collector.frames.empty());
   const FrameCounts counts = collector.counts();
@@ -109,7 +110,7 @@ TEST(UsbFrameAssembler, AnyChunkingGivesTheSameFrames) {
                       place + static_cast<std::ptrdiff_t>(1 + random() % (frame.size() - at)));
           break;
         case 1:
-          frame.insert(place, 1 + random() % 300, 0xa5);  // begins as sync does
+          frame.insert(place, 1 + random() % 300, 0xa5);  // It begins as sync does.
           break;
         case 2:
           frame[at] ^= 0xff;
@@ -117,7 +118,7 @@ TEST(UsbFrameAssembler, AnyChunkingGivesTheSameFrames) {
         case 3:
           number += static_cast<std::uint32_t>(random() % 5);
           break;
-        case 4:  // a short packet in mid-frame
+        case 4:  // This is a short packet in mid-frame.
           if (kind.sync) {
             wire.send(Bytes(frame.begin(), place), true);
             frame.erase(frame.begin(), place);
@@ -128,7 +129,7 @@ TEST(UsbFrameAssembler, AnyChunkingGivesTheSameFrames) {
       }
       wire.send(frame, kind.short_packets);
     }
-    // Ends well, so that the last frame accounted for is the last one delivered.
+    // The stream ends well, so that the last frame accounted for is the last one delivered.
     for (int i = 0; i < 4; ++i) wire.send(stream_frame(layout, ++number), kind.short_packets);
     Collector whole(layout);
     feed(whole, wire, {});
@@ -150,8 +151,8 @@ TEST(UsbFrameAssembler, AnyChunkingGivesTheSameFrames) {
   }
 }
 
-/// Damage in one frame of twelve, at each of its bytes: what is delivered is always right, and all
-/// but the damaged frame and, without short packets, its neighbours are there.
+/// Damages one frame of twelve, at each of its bytes. What is delivered must always be right, and
+/// all frames must be there except the damaged one and, without short packets, its neighbours.
 template <typename Damage>
 void damage_everywhere(Damage&& damage) {
   for (const Kind& kind : kKinds) {
@@ -165,7 +166,7 @@ void damage_everywhere(Damage&& damage) {
         if (n == 4 && !damage(frame, at, kind)) break;
         wire.send(frame, kind.short_packets);
       }
-      if (wire.bytes.size() < 10 * bytes) continue;  // no damage of this sort here
+      if (wire.bytes.size() < 10 * bytes) continue;  // There is no damage of this sort here.
       Collector collector(layout);
       feed(collector, wire, {});
       std::set<std::uint32_t> seen;
@@ -181,7 +182,7 @@ void damage_everywhere(Damage&& damage) {
         EXPECT_TRUE(seen.contains(n)) << "frame " << n;
       }
       // Short packets tell where frames end, whatever the next one looks like. Without them a frame
-      // is known to be whole by the sync after it, and damage may reach into the next.
+      // is known to be whole only by the sync after it, and damage may reach into the next.
       EXPECT_TRUE(seen.contains(3) || (!kind.short_packets && at < 4));
       EXPECT_TRUE(seen.contains(5) || !kind.short_packets);
       EXPECT_GE(collector.counts().dropped(), 1);
@@ -208,7 +209,7 @@ TEST(UsbFrameAssembler, ManyBytesLostAnywhereCostNoOtherFrame) {
 
 TEST(UsbFrameAssembler, AByteTooManyAnywhereCostsNoOtherFrame) {
   damage_everywhere([](Bytes& frame, std::size_t at, const Kind& kind) {
-    if (kind.sync && at == 0) return false;  // that is not in the frame
+    if (kind.sync && at == 0) return false;  // That byte is not in the frame.
     frame.insert(frame.begin() + static_cast<std::ptrdiff_t>(at), 0x5a);
     return true;
   });
@@ -264,7 +265,7 @@ TEST(UsbFrameAssembler, CountsOnThroughTheWrapOfTheNumber) {
 TEST(UsbFrameAssembler, NumbersThatBeginAnewAreFollowed) {
   Collector collector(stream_layout());
   collector.feed_numbered({5000U, 5001U, 0U, 1U, 2U, 4U});
-  // 0 is in doubt until 1 follows it.
+  // Frame 0 is in doubt until 1 follows it.
   ASSERT_EQ(collector.frames.size(), 5U);
   EXPECT_EQ(collector.frames[2].pixels, stream_pixels(stream_layout(), 1));
   EXPECT_TRUE(collector.frames[2].renumbered);

@@ -1,4 +1,4 @@
-// What a plain USB camera sends, and what came of it.
+// This makes what a plain USB camera sends, and keeps what comes of it.
 #pragma once
 
 #include <cstddef>
@@ -17,7 +17,8 @@ namespace curlew {
 
 using Bytes = std::vector<std::uint8_t>;
 
-/// 12 × 20 pixels, header of 16 bytes with sync a55a01ff and a frame number at 8, trailer of 6.
+/// Returns a layout of 12 × 20 pixels, a header of 16 bytes with sync a55a01ff and a frame number
+/// at 8, and a trailer of 6.
 inline UsbLayout stream_layout(int bits = 16, bool sync = true, bool numbered = true) {
   UsbLayout layout;
   layout.rows = 12;
@@ -30,7 +31,7 @@ inline UsbLayout stream_layout(int bits = 16, bool sync = true, bool numbered = 
   return layout;
 }
 
-/// The pixels of frame `number`: any two frames differ nearly everywhere.
+/// Returns the pixels of frame `number`. Any two frames differ nearly everywhere.
 inline Bytes stream_pixels(const UsbLayout& layout, std::uint32_t number) {
   Bytes pixels(usb_frame_format(layout).bytes());
   std::mt19937 random(number);
@@ -52,7 +53,7 @@ inline Bytes stream_frame(const UsbLayout& layout, std::uint32_t number) {
   return frame;
 }
 
-/// A frame as it was delivered.
+/// Holds a frame as it was delivered.
 struct Delivered {
   std::int64_t sequence = 0;
   bool renumbered = false;
@@ -68,7 +69,7 @@ inline Delivered copy_of(const FrameBuffer& frame) {
           Bytes(pixels, pixels + frame.format().bytes())};
 }
 
-/// An assembler whose frames are kept, every one.
+/// Keeps every frame of an assembler.
 class Collector {
  public:
   explicit Collector(const UsbLayout& layout)
@@ -83,7 +84,7 @@ class Collector {
   void feed(const Bytes& bytes, bool ended_short = false) {
     assembler_.feed(std::as_bytes(std::span(bytes)), ended_short, {});
   }
-  /// Whole frames of stream_layout() with these numbers.
+  /// Feeds whole frames of stream_layout() with these numbers.
   void feed_numbered(std::initializer_list<std::uint32_t> numbers) {
     for (const std::uint32_t n : numbers) feed(stream_frame(stream_layout(), n), true);
   }

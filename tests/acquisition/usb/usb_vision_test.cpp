@@ -1,5 +1,5 @@
-// A USB3 Vision camera, emulated, through Aravis: streamed, unplugged in mid-frame, plugged in
-// again.
+// These tests stream from an emulated USB3 Vision camera through Aravis, unplug it in mid-frame and
+// plug it in again.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -35,7 +35,7 @@ class UsbVision : public ::testing::Test {
   void SetUp() override {
     if (!usb_can_be_emulated()) GTEST_SKIP() << "run it under umockdev-wrapper";
 #if defined(__SANITIZE_THREAD__)
-    GTEST_SKIP() << "TSan takes Aravis and GLib, whose locks it does not see, for racy";
+    GTEST_SKIP() << "TSan does not see the locks of Aravis and GLib and would report races";
 #endif
     device_ = std::make_unique<EmulatedVisionCamera>(kRows, kCols);
   }
@@ -46,7 +46,8 @@ class UsbVision : public ::testing::Test {
         CameraOptions(), {});
   }
 
-  /// Plugs it in and waits for the news, as the daemon does: Aravis knows no sooner.
+  /// Plugs the camera in and waits for the news, as the daemon does, because Aravis does not know
+  /// sooner.
   void plug() {
     std::promise<void> arrived;
     const UsbWatcher watcher([&](UsbChange change) {
@@ -56,7 +57,7 @@ class UsbVision : public ::testing::Test {
     ASSERT_EQ(arrived.get_future().wait_for(std::chrono::seconds(10)), std::future_status::ready);
   }
 
-  /// Sends frames [from, to), each one taken before the next is sent, and compares every pixel.
+  /// Sends frames [from, to), takes each one before the next is sent, and compares every pixel.
   void stream(FrameExchange& exchange, std::uint64_t from, std::uint64_t to) {
     for (std::uint64_t id = from; id < to; ++id) {
       const auto pixels = vision_pixels(id);
