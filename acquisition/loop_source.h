@@ -23,8 +23,8 @@ class LoopSource final : public FrameSource {
   const FrameFormat& format() const override { return frames_.front()->format(); }
   std::int64_t frame_count() const override { return count_; }
 
-  /// The headers are those of the frames in memory, but for sequence and received. The camera's
-  /// clock goes on from lap to lap by the frames' own interval, where they carry one.
+  /// The headers are those of the frames in memory, but for sequence and received. If the frames
+  /// have a camera's clock, it goes on from lap to lap by the frames' own interval.
   Delivery next(FrameBuffer& into) override {
     if (delivered_ == count_) return Delivery::kEnd;
     const FrameBuffer& frame = *frames_[static_cast<std::size_t>(delivered_) % frames_.size()];
@@ -39,7 +39,7 @@ class LoopSource final : public FrameSource {
   }
 
  private:
-  /// How much later the camera's clock is a lap later; 0 where the frames carry none.
+  /// Returns by how much the camera's clock goes on in one lap, in ns; 0 if the frames have none.
   std::int64_t lap_ns() const {
     const auto n = static_cast<std::int64_t>(frames_.size());
     const std::int64_t span = frames_.back()->header.camera_ns - frames_.front()->header.camera_ns;

@@ -27,7 +27,7 @@ struct Optics {
 struct Detector {
   double e_per_adu = kUnknown;
   double read_noise_e = kUnknown;
-  double saturation_adu = kUnknown;  ///< pixels at or above this are saturated
+  double saturation_adu = kUnknown;  ///< ADU at and above which a pixel is saturated
   int bit_depth = 0;                 ///< 0 if unknown
 };
 

@@ -50,9 +50,8 @@ class AravisReceiver {
   /// Holds a buffer of the stream.
   struct Slot {
     GObjectPtr<ArvBuffer> buffer;
-    FrameBuffer* frame =
-        nullptr;             ///< frame whose pixels it fills; nullptr if it has its own memory
-    bool in_stream = false;  ///< whether the stream has it
+    FrameBuffer* frame = nullptr;  ///< frame that it fills; nullptr if it has its own memory
+    bool in_stream = false;        ///< whether the stream has it
   };
 
   /// Makes a slot with memory of its own, whose pixels are copied.

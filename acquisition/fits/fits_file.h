@@ -19,9 +19,10 @@ enum class ElementType { kU8, kI16, kU16, kI32, kU32, kF32, kF64 };
 /// Describes an image as its header does.
 struct ImageInfo {
   ElementType element = ElementType::kU8;
-  std::vector<std::int64_t> shape;  ///< slowest axis first: [frames, rows, cols]; empty: no data
-  bool compressed = false;          ///< tile-compressed
-  bool has_undefined = false;       ///< integer pixels equal to BLANK mean "no value"
+  /// Slowest axis first: [frames, rows, cols]; empty if there are no data.
+  std::vector<std::int64_t> shape;
+  bool compressed = false;     ///< whether it is tile-compressed
+  bool has_undefined = false;  ///< integer pixels equal to BLANK mean "no value"
 
   std::int64_t elements() const;  ///< the product of the shape; 0 if the shape is empty
 };

@@ -16,7 +16,7 @@ struct FitsFile::Handle {
   ~Handle();
 
   void* file = nullptr;  ///< cfitsio's fitsfile*
-  std::string path;      ///< as the user wrote it
+  std::string path;      ///< the path as the user wrote it
   std::string target;    ///< the file it names, links followed
   std::string partial;   ///< the file being written; empty when reading or in memory
 

@@ -25,7 +25,7 @@ struct FitsCube {
   bool has_undefined = false;  ///< see ImageInfo
   std::int64_t frames = 0;
   FrameFormat region{};  ///< rows, cols, offset and binning are set, pixel type and map are not
-  Optics optics{};       ///< from the primary header, overridden by the image's
+  Optics optics{};       ///< values of the primary header, overridden by the image's
   Detector detector{};
 
   std::int64_t frame_pixels() const { return std::int64_t{region.rows} * region.cols; }

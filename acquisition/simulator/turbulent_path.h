@@ -16,11 +16,11 @@ struct Wind {
 /// Describes a path of length L through uniform von Kármán turbulence. Lengths across the path are
 /// in √(λL), the Fresnel length: nothing else of λ and L enters paraxial propagation.
 struct TurbulentPath {
-  double rytov_variance = 1.0;  ///< of a plane wave: 1.23 Cn² k^(7/6) L^(11/6), k = 2π/λ
+  double rytov_variance = 1.0;  ///< that of a plane wave, 1.23 Cn² k^(7/6) L^(11/6), k = 2π/λ
   double lenslet = 0.064;       ///< side of a lenslet, √(λL)
   double outer_scale = 400.0;   ///< L0, √(λL): 100 m where √(λL) is .25 m
   double inner_scale = 0.02;    ///< l0, √(λL): 5 mm where √(λL) is .25 m
-  int screens = 10;             ///< each in the middle of its slab
+  int screens = 10;             ///< number of screens, each in the middle of its slab
   /// Radius at which a Gaussian beam, collimated where it starts, has 1/e² of its intensity, √(λL).
   /// 0 means a plane wave, on a periodic grid.
   double waist = 0.0;
@@ -51,11 +51,11 @@ Wind wind_at_screen(const TurbulentPath& path, int screen);
 
 /// Holds the points that a path is simulated on, and those that its field is delivered on.
 struct PropagationGrid {
-  int points = 0;               ///< per side, the array in the middle
+  int points = 0;               ///< points per side, with the array in the middle
   int samples_per_lenslet = 0;  ///< points per lenslet side
   int finer = 1;                ///< the delivered field has this many points per point, each way
   int margin = 0;               ///< lenslets delivered beyond the array on each side
-  double spacing = 0.0;         ///< √(λL)
+  double spacing = 0.0;         ///< distance between points, √(λL)
   std::size_t memory_bytes = 0;
 };
 

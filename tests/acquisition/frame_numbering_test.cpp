@@ -31,7 +31,7 @@ TEST(FrameNumbering, WrapSkipsZeroAndLosesNothing) {
 TEST(FrameNumbering, GapAcrossTheWrapIsCounted) {
   FrameNumbering numbering(true);
   numbering.numbered(65530);
-  const auto next = numbering.numbered(3);  // 65531 to 65535, 1 and 2 are missing
+  const auto next = numbering.numbered(3);  // 65531 to 65535, 1 and 2 are missing.
   EXPECT_EQ(next.lost, 7);
   EXPECT_EQ(next.sequence, 65538);
 }
@@ -84,7 +84,7 @@ TEST(FrameNumbering, FrameWithoutNumberFillsAGap) {
   FrameNumbering numbering(true);
   numbering.numbered(10);
   numbering.unnumbered();
-  const auto next = numbering.numbered(13);  // of 11 and 12 one came without its number
+  const auto next = numbering.numbered(13);  // One of 11 and 12 came without its number.
   EXPECT_EQ(next.lost, 1);
   EXPECT_EQ(next.sequence, 13);
 }

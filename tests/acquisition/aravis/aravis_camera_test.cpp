@@ -251,8 +251,8 @@ TEST_F(AravisCamera, FirstFrameOfAStreamIsRenumbered) {
     camera->start(exchange);
     FrameBuffer* first = exchange.take(10'000'000);
     ASSERT_NE(first, nullptr);
-    EXPECT_TRUE(first->header.renumbered ||
-                exchange.superseded() > 0);  // The test may be too slow to get the first.
+    // The test may be too slow to get the first frame.
+    EXPECT_TRUE(first->header.renumbered || exchange.superseded() > 0);
     EXPECT_EQ(first->header.status, 0U);
     exchange.give_back(first);
     camera->stop();

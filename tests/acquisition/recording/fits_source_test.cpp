@@ -288,7 +288,7 @@ TEST(MeanImage, IsTheMeanAndTheScatterOverFrames) {
   const MeanImage stack = read_mean_image(scratch / "a.fits");
   EXPECT_EQ(stack.frames, 3);
   EXPECT_DOUBLE_EQ(stack.mean[0], 1e9 + 1);
-  EXPECT_NEAR(stack.variance[0], 1.0, 1e-6);  // 1e9 in double leaves 1e-7
+  EXPECT_NEAR(stack.variance[0], 1.0, 1e-6);  // 1e9 in double leaves 1e-7.
   EXPECT_EQ(stack.mean[1], 5.0);
   EXPECT_EQ(stack.variance[1], 0.0);
   EXPECT_TRUE(std::isnan(stack.mean[2]));

@@ -30,7 +30,7 @@ namespace {
 
 struct Death {
   long changes_left = std::numeric_limits<long>::max();
-  bool halfway = false;  // Whether the last change is half done.
+  bool halfway = false;  // The last change is half done.
 };
 Death death;
 
