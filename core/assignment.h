@@ -23,6 +23,7 @@ class Assignment {
   void clear(std::size_t rows, std::size_t cols) noexcept;
   /// Allows the pair (row, col) to be assigned. A pair whose gain is not above 0 is ignored.
   void allow(std::size_t row, std::size_t col, float gain) noexcept;
+  /// Finds the best assignment of the pairs allowed since clear().
   void solve() noexcept;
 
   /// Returns the column of each row after solve(), −1 for a free row.

@@ -37,6 +37,7 @@ class SideQueue {
     dropped_.fetch_add(1, std::memory_order_relaxed);
     return nullptr;
   }
+  /// For the producer: hands an item that it claimed to the consumer.
   void send(Item* item) noexcept { sent_.push(item); }
   /// For the producer: says that no more items will be sent.
   void close() noexcept { sent_.close(); }
@@ -49,8 +50,10 @@ class SideQueue {
     return sent_.pop_for(item, timeout_us);
   }
   bool ended() const noexcept { return sent_.ended(); }
+  /// For the consumer: returns an item that it has taken.
   void give_back(Item* item) noexcept { free_.push(item); }
 
+  /// Returns how often claim() found no item.
   std::int64_t dropped() const noexcept { return dropped_.load(std::memory_order_relaxed); }
 
  private:

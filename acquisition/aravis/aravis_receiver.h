@@ -30,6 +30,7 @@ class AravisReceiver {
   AravisReceiver(const PixelCoding& coding, const FrameFormat& format, std::size_t payload_bytes,
                  std::size_t staging, bool ids_wrap_at_16_bits, ThreadStart thread_start);
 
+  /// Prepares for a stream into this exchange.
   void begin(FrameExchange& exchange);
   /// Gives the stream its buffers.
   void feed(ArvStream* stream);
