@@ -47,6 +47,7 @@ class PacedCamera final : public Camera {
   void start(FrameExchange& exchange) override {
     stop();
     stopping_ = false;
+    failure_.clear();
     thread_ = std::thread([this, &exchange] { send(exchange); });
   }
 

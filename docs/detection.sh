@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Measures again the main tables of docs/lab/detection.md and the values of docs/paper.md. That takes
-# under an hour on two cores. Most of it is simulating turbulence, which is kept for the next time.
+# half an hour on two cores. Most of it is simulating turbulence, which is kept for the next time.
 # --quick shows in a minute or two that all of it runs. Run it with ./dev detection.
 set -euo pipefail
 cd "$(dirname "$0")/.."

@@ -44,4 +44,8 @@ report 'spdlog in service/ and acquisition/**.cpp only' \
     grep -vE '^(service/|acquisition/[a-z_/]+\.cpp:)' || true)"
 report 'no two files have one name' \
   "$(find core "${stages[@]}" tests -name '*.h' -o -name '*.cpp' | sed 's|.*/||' | sort | uniq -d)"
+report 'docs/architecture.md lists every room, and no room that is not there' \
+  "$(diff <(find core "${stages[@]}" -name '*.cpp' -printf '%h/\n' | sort -u) \
+      <(sed -nE 's/^\| `((core|acquisition|centroiding|reconstruct|detect|service)\/[a-z_\/]*)` \|.*/\1/p' \
+        docs/architecture.md | sort -u) || true)"
 exit $bad

@@ -7,6 +7,8 @@ root=$(cd "$here/../.." && pwd)
 copy=$(mktemp -d)
 trap 'rm -rf "$copy"' EXIT
 cp -r "$root"/{core,acquisition,centroiding,reconstruct,detect,service,tests} "$copy"
+mkdir "$copy/docs"
+cp "$root/docs/architecture.md" "$copy/docs"
 bash "$here/folder_rule.sh" "$copy"
 
 bad=0
@@ -42,4 +44,6 @@ plant acquisition/usb/usb_camera.cpp '#include <arv.h>' 'Aravis in acquisition/a
 plant service/doctor/machine_links.cpp '#include <libusb-1.0/libusb.h>' 'libusb in acquisition/usb/'
 plant detect/circulation.cpp '#include <spdlog/spdlog.h>' 'spdlog in service/'
 plant service/results/frame.h '#pragma once' 'no two files have one name'
+mkdir "$copy/service/attic"
+plant service/attic/old.cpp 'int old;' 'docs/architecture.md lists every room'
 exit $bad
