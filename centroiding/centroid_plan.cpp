@@ -227,11 +227,11 @@ std::size_t place_spots(const Sensor& sensor, const CentroidOptions& options,
 /// where lenslet rows run up the detector, the first of them needs the most.
 std::vector<int> count_rows_needed(const Image<CentroidPlan::Spot>& spots) {
   std::vector<int> needed(static_cast<std::size_t>(spots.rows()), 0);
-  int most = 0;
+  int needed_so_far = 0;
   for (int row = 0; row < spots.rows(); ++row) {
     for (int col = 0; col < spots.cols(); ++col)
-      most = std::max(most, spots(row, col).y0 + spots(row, col).h);
-    needed[static_cast<std::size_t>(row)] = most;
+      needed_so_far = std::max(needed_so_far, spots(row, col).y0 + spots(row, col).h);
+    needed[static_cast<std::size_t>(row)] = needed_so_far;
   }
   return needed;
 }
