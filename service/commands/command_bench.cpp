@@ -7,11 +7,11 @@
 #include "acquisition/loop_source.h"
 #include "core/error.h"
 #include "service/bench/bench_frames.h"
+#include "service/bench/bench_options.h"
 #include "service/bench/bench_run.h"
 #include "service/commands/commands.h"
 #include "service/pipeline.h"
 #include "service/program/progress.h"
-#include "service/program/version.h"
 #include "service/results/latency_report.h"
 #include "service/thread_placement.h"
 
@@ -19,22 +19,12 @@ namespace curlew {
 namespace {
 
 struct BenchOptions {
-  int rows = 0;  // 0: the three standard cases are run
-  int cols = 0;
-  int window_px = 0;
+  BenchSize size;
   std::int64_t frames = 2000;
   std::string threads = "inline";
   std::vector<int> cpus;
   bool json = false;
 };
-
-std::vector<BenchCase> cases(const BenchOptions& options) {
-  if (options.rows == 0 && options.cols == 0 && options.window_px == 0)
-    return {kBenchCases.begin(), kBenchCases.end()};
-  if (options.rows == 0 || options.cols == 0 || options.window_px == 0)
-    throw UsageError("give --rows, --cols and --window together");
-  return {BenchCase{options.rows, options.cols, options.window_px}};
-}
 
 LoopSource::Frames make_frames(const BenchCase& which) {
   constexpr std::uint64_t kDistinctFrames = 4;
@@ -81,7 +71,7 @@ Measured measure(const BenchCase& which, const BenchOptions& options) {
 
 void bench_latency(const BenchOptions& options) {
   if (options.frames < 1) throw UsageError("--frames must be at least 1");
-  const std::vector<BenchCase> all = cases(options);
+  const std::vector<BenchCase> all = options.size.window_cases();
   refuse_debug_build();
   nlohmann::ordered_json json = machine_json();
   json["threads"] = options.threads;
@@ -105,9 +95,7 @@ void bench_latency(const BenchOptions& options) {
     fmt::print("{}\n", json.dump(2));
     return;
   }
-  fmt::print("{}, {} build, {}\n{}, {} CPUs, threads {}, pinned: {}\n{}",
-             json["program"].get<std::string>(), kBuildType, kCompiler,
-             json["cpu"].get<std::string>(), json["cpus"].get<unsigned>(), options.threads,
+  fmt::print("{}threads {}, pinned: {}\n{}", machine_text(), options.threads,
              json["pinning"].get<std::string>(), text);
 }
 
@@ -119,10 +107,7 @@ void add_bench(CLI::App& app) {
   bench->require_subcommand(1);
   CLI::App* latency = bench->add_subcommand(
       "latency", "Latency of every stage; without sizes: 40x40 of 6 px, 80x80 of 10, 30x30 of 32");
-  latency->add_option("--rows", options->rows, "lenslet rows")->check(CLI::Range(2, 1000));
-  latency->add_option("--cols", options->cols, "lenslet columns")->check(CLI::Range(2, 1000));
-  latency->add_option("--window", options->window_px, "pixels per lenslet side")
-      ->check(CLI::Range(2, 1000));
+  options->size.add_windows_to(*latency);
   latency->add_option("--frames", options->frames, "frames of each case")->capture_default_str();
   latency
       ->add_option("--threads", options->threads,

@@ -72,4 +72,9 @@ nlohmann::ordered_json machine_json() {
   return json;
 }
 
+std::string machine_text() {
+  return fmt::format("{}, {} build, {}\n{}, {} CPUs\n", kProgram, kBuildType, kCompiler,
+                     cpu_model(), std::thread::hardware_concurrency());
+}
+
 }  // namespace curlew

@@ -16,4 +16,7 @@ nlohmann::ordered_json latency_json(const RunReport& report);
 /// Returns what the figures were measured with: build, compiler, CPU model and usable CPUs.
 nlohmann::ordered_json machine_json();
 
+/// Returns the same for people, in two lines.
+std::string machine_text();
+
 }  // namespace curlew

@@ -1,0 +1,34 @@
+#include "service/bench/timed_rounds.h"
+
+#include <cstddef>
+#include <nlohmann/json.hpp>
+
+#include "core/error.h"
+#include "service/bench/bench_timing.h"
+#include "service/program/interrupt.h"
+
+namespace curlew {
+
+std::vector<RoundTimes> time_in_turn(const std::vector<TimedRun>& runs, int rounds) {
+  const int warm_up = rounds / 10 + 1;
+  std::vector<std::vector<double>> taken_us(runs.size());
+  for (int round = -warm_up; round < rounds; ++round) {
+    if (interrupted()) throw Failure("interrupted");
+    for (std::size_t i = 0; i < runs.size(); ++i) {
+      if (runs[i].prepare) runs[i].prepare();
+      const double us = time_us([&] { runs[i].run(); });
+      if (round >= 0) taken_us[i].push_back(us);
+    }
+  }
+  std::vector<RoundTimes> times;
+  times.reserve(runs.size());
+  for (const std::vector<double>& us : taken_us)
+    times.push_back({median(us), quantile(us, 0.1), quantile(us, 0.9)});
+  return times;
+}
+
+nlohmann::ordered_json times_json(const RoundTimes& times) {
+  return {{"median_us", times.median_us}, {"p10_us", times.p10_us}, {"p90_us", times.p90_us}};
+}
+
+}  // namespace curlew
