@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <numbers>
 #include <random>
 #include <utility>
@@ -52,8 +53,7 @@ BenchFrame make_bench_frame(const BenchCase& which, BenchSlopes slopes, std::uin
   const SmoothWavefront wavefront(which, random);
 
   BenchFrame frame;
-  frame.format.rows = which.rows * p;
-  frame.format.cols = which.cols * p;
+  frame.format = bench_format(which, PixelType::kU16);
   frame.pixels = Image<std::uint16_t>(frame.format.rows, frame.format.cols);
   frame.true_dx_px = Image<float>(which.rows, which.cols);
   frame.true_dy_px = Image<float>(which.rows, which.cols);
@@ -80,6 +80,29 @@ BenchFrame make_bench_frame(const BenchCase& which, BenchSlopes slopes, std::uin
     }
   }
   return frame;
+}
+
+FrameFormat bench_format(const BenchCase& which, PixelType pixel_type) {
+  constexpr double kAduPerCountOfU8 = 16.0;
+  FrameFormat format;
+  format.rows = which.rows * which.window_px;
+  format.cols = which.cols * which.window_px;
+  format.pixel_type = pixel_type;
+  if (pixel_type == PixelType::kU8) format.scale_adu = kAduPerCountOfU8;
+  return format;
+}
+
+AlignedVector<std::byte> bench_pixels(const BenchFrame& frame, const FrameFormat& format) {
+  AlignedVector<std::byte> bytes(format.bytes());
+  if (format.pixel_type == PixelType::kU16) {
+    std::memcpy(bytes.data(), frame.pixels.data(), bytes.size());
+    return bytes;
+  }
+  std::transform(frame.pixels.begin(), frame.pixels.end(), bytes.begin(), [&](std::uint16_t adu) {
+    const double count = std::round(adu / format.scale_adu);
+    return static_cast<std::byte>(static_cast<std::uint8_t>(std::min(count, 255.0)));
+  });
+  return bytes;
 }
 
 Sensor tiled_sensor(const BenchCase& which) {

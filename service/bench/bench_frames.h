@@ -48,6 +48,14 @@ enum class BenchSlopes {
 /// Draws one frame. The same arguments give the same frame.
 BenchFrame make_bench_frame(const BenchCase& which, BenchSlopes slopes, std::uint64_t seed);
 
+/// Returns the format of a case's frames. Frames of kU8 are what a camera of 8 bits would make of
+/// the same light, at 16 ADU a count.
+FrameFormat bench_format(const BenchCase& which, PixelType pixel_type);
+
+/// Returns the frame's pixels as a source of that format delivers them: brighter pixels are cut
+/// off.
+AlignedVector<std::byte> bench_pixels(const BenchFrame& frame, const FrameFormat& format);
+
 /// Returns the sensor of these frames: its windows tile the frame, the references are the windows'
 /// centres, the gain is 1, the background is known, and 1 ADU is 1 electron.
 Sensor tiled_sensor(const BenchCase& which);

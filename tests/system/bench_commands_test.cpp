@@ -1,0 +1,86 @@
+// The benchmarks of single stages, as commands: they run, and say as JSON what they promise.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "tests/support/program.h"
+
+namespace curlew {
+namespace {
+
+using nlohmann::json;
+
+/// What the command says as JSON; a debug build must refuse, and then there is none.
+json run_bench(const std::string& arguments) {
+  const ScratchDirectory scratch;
+  const ProgramRun run = run_curlew(scratch, "bench " + arguments + " --quick --json");
+#ifdef NDEBUG
+  EXPECT_EQ(run.exit_code, 0) << run.err;
+  json said = json::parse(run.out, nullptr, false);
+  EXPECT_TRUE(said.is_object()) << run.out;
+  for (const char* key : {"program", "build", "compiler", "cpu", "cpus", "rounds", "cases"})
+    EXPECT_TRUE(said.contains(key)) << key;
+  return said;
+#else
+  EXPECT_EQ(run.exit_code, 1);
+  EXPECT_NE(run.err.find("debug build"), std::string::npos);
+  return {};
+#endif
+}
+
+void expect_times(const json& entry, const std::string& name) {
+  ASSERT_TRUE(entry.contains(name)) << name;
+  for (const char* key : {"median_us", "p10_us", "p90_us"})
+    EXPECT_GT(entry[name].value(key, -1.0), 0.0) << name << ' ' << key;
+}
+
+void expect_number(const json& entry, const std::string& name) {
+  ASSERT_TRUE(entry.contains(name)) << name;
+  EXPECT_TRUE(entry[name].is_number()) << name;
+}
+
+TEST(BenchCommands, Centroid) {
+  const json said = run_bench("centroid --rows 5 --cols 4 --window 6");
+  if (said.is_null()) return;
+  ASSERT_EQ(said["cases"].size(), 2U);  // u16 and u8
+  for (const json& entry : said["cases"]) {
+    EXPECT_EQ(entry["rows"], 5);
+    EXPECT_EQ(entry["cols"], 4);
+    EXPECT_EQ(entry["window_px"], 6);
+    for (const char* loop : {"plain_windows", "plain_rows", "read"})
+      EXPECT_TRUE(entry["build"][loop].is_string()) << loop;
+    for (const char* memory : {"warm", "cold"}) {
+      for (const char* name :
+           {"curlew", "curlew_without_maps", "plain_windows", "plain_rows", "read"})
+        expect_times(entry[memory], name);
+      for (const char* name :
+           {"curlew_over_plain_windows", "curlew_over_plain_rows", "curlew_over_read"})
+        expect_number(entry[memory], name);
+    }
+  }
+  EXPECT_EQ(said["cases"][0]["pixels"], "u16");
+  EXPECT_EQ(said["cases"][1]["pixels"], "u8");
+}
+
+TEST(BenchCommands, CentroidMethods) {
+  const json said = run_bench("centroid --methods --rows 5 --cols 4 --window 6");
+  if (said.is_null()) return;
+  for (const char* method : {"thresholded", "plain", "weighted", "correlation", "brightest_pixels",
+                             "maximum_likelihood"})
+    expect_times(said["cases"][0]["methods"], method);
+}
+
+TEST(BenchCommands, TablesForPeople) {
+#ifdef NDEBUG
+  const ScratchDirectory scratch;
+  for (const char* command : {"centroid --rows 3 --cols 4 --window 7"}) {
+    const ProgramRun run = run_curlew(scratch, std::string("bench ") + command + " --quick");
+    EXPECT_EQ(run.exit_code, 0) << run.err;
+    EXPECT_NE(run.out.find("median"), std::string::npos) << run.out;
+  }
+#endif
+}
+
+}  // namespace
+}  // namespace curlew
