@@ -8,6 +8,7 @@
 #include <cstdint>
 
 #include "centroiding/centroid_methods.h"
+#include "centroiding/frame_level.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "centroiding/centroid.cpp"
@@ -47,9 +48,10 @@ struct SignalVariance {
   float ramp;
 };
 
-SignalVariance variance_of_signal(const CentroidPlan& plan, float threshold) noexcept {
+SignalVariance variance_of_signal(const CentroidPlan& plan, float pixel_variance,
+                                  float threshold) noexcept {
   const float k = plan.counts_per_e;
-  const float c = threshold * k + plan.pixel_variance;
+  const float c = threshold * k + pixel_variance;
   const float width = 0.85F * std::sqrt(c) + 1.0F * k;
   return {.per_count = k, .constant = c, .ramp = width > 0.0F ? 1.0F / width : 0.0F};
 }
@@ -60,6 +62,25 @@ SignalVariance variance_of_signal(const CentroidPlan& plan, float threshold) noe
 /// beyond 2.8 to 4.1 σ is as frequent as for a Gaussian within 20 % (Monte Carlo at 200 and 1000
 /// photons; at 1000 the widening is .5 %).
 constexpr float kWidening = 4.0F;
+
+/// What the frame at hand says of its pixels, or else the calibration.
+struct PixelModel {
+  PixelModel(const CentroidPlan& plan, const FrameLevels* levels) noexcept
+      : level(levels != nullptr ? levels->level.data() : nullptr),
+        threshold(levels != nullptr ? levels->threshold : plan.threshold),
+        pixel_variance(levels != nullptr ? levels->pixel_variance : plan.pixel_variance),
+        signal(variance_of_signal(plan, pixel_variance, threshold)) {}
+
+  /// How far lenslet k's threshold lies above that in the plan's offsets, in counts.
+  float raised(const CentroidPlan& plan, std::size_t k) const noexcept {
+    return level != nullptr ? level[k] + (threshold - plan.threshold) : 0.0F;
+  }
+
+  const float* level;    ///< [lenslets] above the calibration's dark; null: the calibration's
+  float threshold;       ///< T without the relative threshold, counts
+  float pixel_variance;  ///< counts²
+  SignalVariance signal;
+};
 
 }  // namespace
 }  // namespace curlew
@@ -205,12 +226,13 @@ void sum_lanes(D d, V a, V b, V c, V e, float* sums) {
 /// Returns the window's brightest signal above the fixed threshold, which the relative threshold
 /// needs.
 template <class D, typename Pixel, bool kMaps>
-float brightest(const CentroidPlan& plan, const Pixel* pixels, const CentroidPlan::Spot& spot) {
+float brightest(const CentroidPlan& plan, const Pixel* pixels, const CentroidPlan::Spot& spot,
+                float raised) {
   const D d;
   auto peak = hn::Zero(d);
   for (int first = 0; first < spot.w; first += static_cast<int>(hn::Lanes(d))) {
     const Chunk<D> chunk(plan, spot, first);
-    Reader<D, Pixel, kMaps> reader(plan, pixels, spot, chunk.start, 0.0F);
+    Reader<D, Pixel, kMaps> reader(plan, pixels, spot, chunk.start, raised);
     auto column = hn::Zero(d);
     for (int row = 0; row < spot.h; ++row) column = hn::Max(column, reader.next_row().signal);
     peak = hn::Max(peak, hn::IfThenElseZero(chunk.inside, column));
@@ -222,14 +244,16 @@ float brightest(const CentroidPlan& plan, const Pixel* pixels, const CentroidPla
 /// per column.
 template <class D, typename Pixel, bool kMaps>
 WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const CentroidPlan::Spot& spot,
-                      SignalVariance model) {
+                      const PixelModel& pixel_model, float raised) {
   using V = hn::Vec<D>;
   const D d;
-  float raised = 0.0F;  // height of the relative threshold above the fixed one, counts
+  SignalVariance model = pixel_model.signal;
   if (plan.relative_threshold > 0.0F) {
-    const float peak = plan.threshold + brightest<D, Pixel, kMaps>(plan, pixels, spot);
-    raised = std::max(plan.relative_threshold * peak - plan.threshold, 0.0F);
-    model = variance_of_signal(plan, plan.threshold + raised);
+    const float fixed = pixel_model.threshold;
+    const float peak = fixed + brightest<D, Pixel, kMaps>(plan, pixels, spot, raised);
+    const float higher = std::max(plan.relative_threshold * peak - fixed, 0.0F);
+    model = variance_of_signal(plan, pixel_model.pixel_variance, fixed + higher);
+    raised += higher;
   }
   const V per_count = hn::Set(d, model.per_count);
   const V constant = hn::Set(d, model.constant);
@@ -322,9 +346,9 @@ void finish(const CentroidPlan& plan, const CentroidPlan::Spot& spot, const Wind
 }
 
 template <typename Pixel, bool kMaps>
-void measure_rows(const CentroidPlan& plan, FrameView frame, int first, int last, Centroids& out) {
+void measure_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
+                  const PixelModel& model, Centroids& out) {
   const auto* pixels = frame.data<Pixel>();
-  const SignalVariance model = variance_of_signal(plan, plan.threshold);
   const auto cols = static_cast<std::size_t>(plan.spots.cols());
   for (std::size_t k = static_cast<std::size_t>(first) * cols;
        k < static_cast<std::size_t>(last) * cols; ++k) {
@@ -335,26 +359,29 @@ void measure_rows(const CentroidPlan& plan, FrameView frame, int first, int last
     }
     // This is the narrowest vector that holds the window, but never wider than the frame.
     const int width = std::min(spot.w > 8 ? 16 : spot.w > 4 ? 8 : 4, plan.frame_cols);
+    const float raised = model.raised(plan, k);
     WindowSums sums;
     if (width >= 16) {
-      sums = sum_window<hn::CappedTag<float, 16>, Pixel, kMaps>(plan, pixels, spot, model);
+      sums = sum_window<hn::CappedTag<float, 16>, Pixel, kMaps>(plan, pixels, spot, model, raised);
     } else if (width >= 8) {
-      sums = sum_window<hn::CappedTag<float, 8>, Pixel, kMaps>(plan, pixels, spot, model);
+      sums = sum_window<hn::CappedTag<float, 8>, Pixel, kMaps>(plan, pixels, spot, model, raised);
     } else {
-      sums = sum_window<hn::CappedTag<float, 4>, Pixel, kMaps>(plan, pixels, spot, model);
+      sums = sum_window<hn::CappedTag<float, 4>, Pixel, kMaps>(plan, pixels, spot, model, raised);
     }
     finish(plan, spot, sums, k, out);
   }
 }
 
-void measure(const CentroidPlan& plan, FrameView frame, int first, int last, Centroids& out) {
+void measure(const CentroidPlan& plan, FrameView frame, int first, int last,
+             const FrameLevels* levels, Centroids& out) {
   const bool maps = !plan.gain.empty();
+  const PixelModel model(plan, levels);
   if (frame.pixel_type == PixelType::kU16) {
-    maps ? measure_rows<std::uint16_t, true>(plan, frame, first, last, out)
-         : measure_rows<std::uint16_t, false>(plan, frame, first, last, out);
+    maps ? measure_rows<std::uint16_t, true>(plan, frame, first, last, model, out)
+         : measure_rows<std::uint16_t, false>(plan, frame, first, last, model, out);
   } else {
-    maps ? measure_rows<std::uint8_t, true>(plan, frame, first, last, out)
-         : measure_rows<std::uint8_t, false>(plan, frame, first, last, out);
+    maps ? measure_rows<std::uint8_t, true>(plan, frame, first, last, model, out)
+         : measure_rows<std::uint8_t, false>(plan, frame, first, last, model, out);
   }
 }
 
@@ -368,17 +395,19 @@ namespace curlew {
 HWY_EXPORT(measure);
 
 void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
-                         Centroids& centroids) noexcept {
+                         Centroids& centroids, const FrameLevels* levels) noexcept {
   check_size("find_centroids", "a frame", {frame.rows, frame.cols},
              {plan.frame_rows, plan.frame_cols});
   check_size("find_centroids", "centroids", size_of(centroids.state), size_of(plan.spots));
   if (first == 0) centroids.n_valid = centroids.n_saturated = 0;
-  HWY_DYNAMIC_DISPATCH(measure)(plan, frame, first, last, centroids);
-  if (!is_centre_of_gravity(plan.method)) find_positions(plan, frame, first, last, centroids);
+  HWY_DYNAMIC_DISPATCH(measure)(plan, frame, first, last, levels, centroids);
+  if (!is_centre_of_gravity(plan.method))
+    find_positions(plan, frame, first, last, centroids, levels);
 }
 
-void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids) noexcept {
-  find_centroids_rows(plan, frame, 0, plan.spots.rows(), centroids);
+void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
+                    const FrameLevels* levels) noexcept {
+  find_centroids_rows(plan, frame, 0, plan.spots.rows(), centroids, levels);
 }
 
 }  // namespace curlew

@@ -13,6 +13,8 @@
 
 namespace curlew {
 
+struct FrameLevels;  // frame_level.h
+
 /// These options say what counts as light and which lenslets count. The threshold T is the largest
 /// of the three thresholds. A pixel's signal is what exceeds it, max(I − T, 0), so that the signal
 /// does not jump where a pixel reaches T.
@@ -24,6 +26,10 @@ struct CentroidOptions {
   /// A spot as near as this to its window's edge is missing; the unit is the window's width.
   double edge_fraction = 0.1;
   double max_bad_fraction = 0.25;  ///< a window with a larger fraction of bad pixels is missing
+
+  /// The level between the spots, and its noise, are those of every frame (frame_level.h). Where
+  /// false they are those of the calibration.
+  bool follow_level = true;
 
   /// This says how positions are found; centroid_methods.h describes all methods but the two
   /// centres of gravity. Flux and second moments are always those above T. For kPlain, T is 0.
@@ -121,12 +127,16 @@ struct CentroidPlan {
 ///   not valid hold zeros, except for their flux.
 ///
 /// The same pixels and the same plan always give the same bits.
-void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids) noexcept;
+///
+/// `levels` holds the frame's level and noise, and T follows them; without it they are those of the
+/// calibration.
+void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
+                    const FrameLevels* levels = nullptr) noexcept;
 
 /// Measures lenslet rows [first, last) only, for frames that are still arriving. It reads the
 /// frame's first plan.frame_rows_needed(last − 1) rows and no more. The rows must be measured in
 /// ascending order, because n_valid and n_saturated start again at row 0.
 void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
-                         Centroids& centroids) noexcept;
+                         Centroids& centroids, const FrameLevels* levels = nullptr) noexcept;
 
 }  // namespace curlew

@@ -9,6 +9,7 @@
 
 #include "centroiding/brightest_centroid-inl.h"
 #include "centroiding/correlation_centroid-inl.h"
+#include "centroiding/frame_level.h"
 #include "centroiding/likelihood_centroid-inl.h"
 #include "centroiding/weighted_centroid-inl.h"
 #include "centroiding/window_group.h"
@@ -19,16 +20,18 @@ HWY_BEFORE_NAMESPACE();
 namespace curlew::HWY_NAMESPACE {
 namespace {
 
-void find(const CentroidPlan& plan, FrameView frame, int first, int last, Centroids& out) {
+void find(const CentroidPlan& plan, FrameView frame, int first, int last, const FrameLevels* levels,
+          Centroids& out) {
   alignas(64) WindowBuffer light;  // It is not cleared, for only what is loaded is read.
   alignas(64) GroupPositions found;
   const std::size_t lanes = lane_count();
   WindowGroup group;
+  const float pixel_variance = levels != nullptr ? levels->pixel_variance : plan.pixel_variance;
   const auto measure = [&] {
     describe_windows(plan, out, lanes, group);
-    load_windows(plan, frame, group, lanes, light.data());
+    load_windows(plan, frame, group, lanes, levels, light.data());
     const Windows windows{group,   light.data(),           group.w,
-                          group.h, set(plan.counts_per_e), set(plan.pixel_variance)};
+                          group.h, set(plan.counts_per_e), set(pixel_variance)};
     switch (plan.method) {
       case CentroidMethod::kCorrelation:
         find_correlation(plan, windows, found);
@@ -66,8 +69,8 @@ namespace curlew {
 HWY_EXPORT(find);
 
 void find_positions(const CentroidPlan& plan, FrameView frame, int first, int last,
-                    Centroids& centroids) noexcept {
-  HWY_DYNAMIC_DISPATCH(find)(plan, frame, first, last, centroids);
+                    Centroids& centroids, const FrameLevels* levels) noexcept {
+  HWY_DYNAMIC_DISPATCH(find)(plan, frame, first, last, levels, centroids);
 }
 
 }  // namespace curlew

@@ -163,7 +163,8 @@ inline PeakVariances propagate_noise(const CentroidPlan& plan, const Windows& wi
     const float slope_y = y.slope(gaussian, i);
     for (std::size_t j = 0; j < w; ++j) {
       const float light = windows.light[(i * windows.w + j) * lanes + lane];
-      const float variance = std::max(light, 0.0F) * plan.counts_per_e + plan.pixel_variance;
+      const float variance =
+          std::max(light, 0.0F) * plan.counts_per_e + hn::GetLane(windows.constant);
       const float g_x = gaussian.at(j, x.pixel);
       const float dx = x.slope(gaussian, j) * g_y;
       const float dy = slope_y * g_x;

@@ -44,6 +44,8 @@ struct Sensor {
   Image<float> gain_y;   ///< NaN where not valid
   CentroidMethod method = CentroidMethod::kThresholded;            ///< method of the measured gains
   double spot_blur_px = std::numeric_limits<double>::quiet_NaN();  ///< σ; NaN where it is not known
+  /// σ of the reference spots above the threshold, px; NaN where it is not known.
+  double spot_sigma_px = std::numeric_limits<double>::quiet_NaN();
   Image<float> flux_adu;  ///< flux of the reference spots above the threshold; NaN where not valid
 
   // These maps are [frame_rows, frame_cols], and empty where they were not given.

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <numbers>
 #include <string>
 #include <vector>
@@ -17,6 +18,11 @@ namespace {
 /// This is the σ of a diffraction-limited spot's core, in λ/w. It is all that is known of a weak
 /// spot whose few photons all fell on one row or column, so that they give a variance of 0.
 constexpr double kSpotSigma = 0.42;
+
+// These are the parts of a spot's σ by which optics leave it off a smooth field. Lamps of real
+// sensors show .025, and spots that telescopes blur show .06 to .08.
+constexpr double kSystematicOfSpot = 0.03;
+constexpr float kSystematicOfBroadening = 0.08F;
 
 void require_length(double value, const std::string& name) {
   if (!(value > 0.0) || !std::isfinite(value)) {
@@ -83,6 +89,11 @@ SlopePlan::SlopePlan(const Sensor& sensor)
   const double rad_per_px = sensor.optics.slope_rad_per_px();
   const double spot_sigma_px = kSpotSigma * 2.0 * std::numbers::pi / rad_per_px;
   spot_variance_px2 = static_cast<float>(spot_sigma_px * spot_sigma_px);
+  const bool known = std::isfinite(sensor.spot_sigma_px);
+  const double sigma_px = known ? sensor.spot_sigma_px : 0.0;
+  systematic_variance_px2 = static_cast<float>(std::pow(kSystematicOfSpot * sigma_px, 2.0));
+  reference_variance_px2 =
+      known ? static_cast<float>(sigma_px * sigma_px) : std::numeric_limits<float>::infinity();
   for (std::size_t k = 0; k < window_variance.size(); ++k) {
     const double side_rad = rad_per_px * std::max(sensor.window[k].w, sensor.window[k].h);
     window_variance[k] = static_cast<float>(side_rad * side_rad / 12.0);
@@ -94,6 +105,13 @@ SlopePlan::SlopePlan(const Sensor& sensor)
 namespace {
 
 enum class Spot : std::uint8_t { kMissing, kDark, kWeak, kMeasured };
+
+/// Returns the variance along an axis, px², of where optics leave a spot of this second moment.
+float systematic_variance(const SlopePlan& plan, float moment_px2) noexcept {
+  constexpr float kOfBroadening = kSystematicOfBroadening * kSystematicOfBroadening;
+  const float broader = std::max(moment_px2 - plan.reference_variance_px2, 0.0F);
+  return plan.systematic_variance_px2 + kOfBroadening * broader;
+}
 
 /// Computes all slopes; spot_of(k) says what is known of lenslet k.
 template <typename SpotOf>
@@ -117,10 +135,10 @@ void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slop
     const float dy = (centroids.y_px[k] - plan.ref_y_px[k]) * gy;
     const float ex = plan.gain_error_x[k] * dx;
     const float ey = plan.gain_error_y[k] * dy;
-    const float vx =
-        (weak && !(spot_x > 0.0F) ? plan.spot_variance_px2 : spot_x) * gx * gx + ex * ex;
-    const float vy =
-        (weak && !(spot_y > 0.0F) ? plan.spot_variance_px2 : spot_y) * gy * gy + ey * ey;
+    const float noise_x = weak && !(spot_x > 0.0F) ? plan.spot_variance_px2 : spot_x;
+    const float noise_y = weak && !(spot_y > 0.0F) ? plan.spot_variance_px2 : spot_y;
+    const float vx = (noise_x + systematic_variance(plan, centroids.xx_px2[k])) * gx * gx + ex * ex;
+    const float vy = (noise_y + systematic_variance(plan, centroids.yy_px2[k])) * gy * gy + ey * ey;
     const float c = centroids.covariance_xy_px2[k] * gx * gy;
     const float dark = spot == Spot::kDark ? plan.window_variance[k] : 0.0F;
     slopes.x[k] = m11 * dx + m12 * dy;

@@ -27,6 +27,12 @@ struct SlopePlan {
   /// This is the variance of a spot's core. It stands in for that of weak spots whose own variance
   /// is 0.
   float spot_variance_px2 = 0;
+  /// Optics and aliasing leave a spot off any smooth field. This error is no noise, for it is the
+  /// same in every frame: .03 of the reference spot's σ, and .08 of what a spot is wider than that.
+  /// Its variance enters that of every spot. The first of these is 0, and the second infinite,
+  /// where the reference spot is not known.
+  float systematic_variance_px2 = 0;
+  float reference_variance_px2 = 0;  ///< σ² of the reference spots above the threshold
   /// This is the variance of a spot that may be anywhere in its window, in rad² per pitch².
   Image<float> window_variance;
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstdint>
 
+#include "centroiding/frame_level.h"
+
 namespace curlew {
 namespace {
 
@@ -16,11 +18,13 @@ void clear_spot(Centroids& out, std::size_t k, LensletState state) noexcept {
 
 template <typename Pixel, bool kMaps>
 void load(const CentroidPlan& plan, const Pixel* pixels, const WindowGroup& group,
-          std::size_t lanes, float* light) noexcept {
+          std::size_t lanes, const FrameLevels* levels, float* light) noexcept {
   const float bad = plan.method == CentroidMethod::kMaximumLikelihood ? kBad : kNothing;
-  const float offset = plan.uniform_offset - plan.threshold;
   for (std::size_t lane = 0; lane < lanes; ++lane) {
-    const CentroidPlan::Spot& spot = plan.spots[group.lenslet[lane]];
+    const std::size_t k = group.lenslet[lane];
+    const CentroidPlan::Spot& spot = plan.spots[k];
+    const float level = (levels != nullptr ? levels->level[k] : 0.0F) - plan.threshold;
+    const float offset = plan.uniform_offset + level;
     const auto w = static_cast<std::size_t>(spot.w);
     const auto h = static_cast<std::size_t>(spot.h);
     for (std::size_t y = 0; y < group.h; ++y) {
@@ -35,7 +39,7 @@ void load(const CentroidPlan& plan, const Pixel* pixels, const WindowGroup& grou
           const auto count = static_cast<float>(from[x]);
           if constexpr (kMaps) {
             const float gain = plan.gain[spot.map + y * w + x];
-            const float dark = plan.offset[spot.map + y * w + x] - plan.threshold;
+            const float dark = plan.offset[spot.map + y * w + x] + level;
             to[x * lanes] = gain > 0.0F ? gain * count - dark : bad;
           } else {
             to[x * lanes] = count - offset;
@@ -73,16 +77,16 @@ void describe_windows(const CentroidPlan& plan, const Centroids& found, std::siz
 }
 
 void load_windows(const CentroidPlan& plan, FrameView frame, const WindowGroup& group,
-                  std::size_t lanes, float* light) noexcept {
+                  std::size_t lanes, const FrameLevels* levels, float* light) noexcept {
   const bool maps = !plan.gain.empty();
   if (frame.pixel_type == PixelType::kU16) {
     const auto* pixels = frame.data<std::uint16_t>();
-    maps ? load<std::uint16_t, true>(plan, pixels, group, lanes, light)
-         : load<std::uint16_t, false>(plan, pixels, group, lanes, light);
+    maps ? load<std::uint16_t, true>(plan, pixels, group, lanes, levels, light)
+         : load<std::uint16_t, false>(plan, pixels, group, lanes, levels, light);
   } else {
     const auto* pixels = frame.data<std::uint8_t>();
-    maps ? load<std::uint8_t, true>(plan, pixels, group, lanes, light)
-         : load<std::uint8_t, false>(plan, pixels, group, lanes, light);
+    maps ? load<std::uint8_t, true>(plan, pixels, group, lanes, levels, light)
+         : load<std::uint8_t, false>(plan, pixels, group, lanes, levels, light);
   }
 }
 

@@ -49,9 +49,10 @@ struct GroupPositions {
 void describe_windows(const CentroidPlan& plan, const Centroids& found, std::size_t lanes,
                       WindowGroup& group) noexcept;
 
-/// Loads the pixels of the group's windows. `light` is [h, w, lanes], in counts above the dark.
+/// Loads the pixels of the group's windows. `light` is [h, w, lanes], in counts above the frame's
+/// level, or above the dark where `levels` is null.
 void load_windows(const CentroidPlan& plan, FrameView frame, const WindowGroup& group,
-                  std::size_t lanes, float* light) noexcept;
+                  std::size_t lanes, const FrameLevels* levels, float* light) noexcept;
 
 /// Replaces the position that the threshold's kernel found for lenslet k by the one in `lane` of
 /// `found`.

@@ -6,7 +6,9 @@ namespace curlew {
 namespace {
 
 void centroid(const Plan& plan, FrameSlot& slot) noexcept {
-  find_centroids(plan.centroid, slot.frame->view(), slot.centroids);
+  const FrameView frame = slot.frame->view();
+  if (plan.level && slot.levels) measure_levels(*plan.level, frame, *slot.levels);
+  find_centroids(plan.centroid, frame, slot.centroids, slot.levels ? &*slot.levels : nullptr);
   if (slot.centroids.n_saturated > 0) slot.frame->header.status |= kFrameSaturated;
 }
 
@@ -65,6 +67,7 @@ Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config
       slopes(sensor),
       detect(sensor, format, config),
       split(sensor.valid, config.split) {
+  if (config.centroid.follow_level) level.emplace(sensor, format, config.centroid);
   // The tables for choosing vortices grow with the square of the number of candidates. Candidates
   // beyond this number are not judged; the most probable ones come first.
   constexpr std::size_t kMaxJudged = 1024;
@@ -91,6 +94,7 @@ FrameSlot::FrameSlot(const Plan& plan_of_slot, VortexTracker* frames_tracker)
       vortices(plan->detect.capacity()),
       split_workspace(plan->split),
       split(plan->grid.rows, plan->grid.cols) {
+  if (plan->level) levels.emplace(*plan->level);
   if (!plan->hidden_phase) return;
   hidden_phase_workspace.emplace(*plan->hidden_phase);
   whole_phase = Image<float>(plan->grid.rows, plan->grid.cols);

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "centroiding/centroid.h"
+#include "centroiding/frame_level.h"
 #include "centroiding/sensor.h"
 #include "centroiding/slopes.h"
 #include "core/frame.h"
@@ -31,6 +32,7 @@ struct Plan {
   LensletGrid grid;
   std::optional<TrackerOptions> tracker;  ///< none: every frame is judged alone
   CentroidPlan centroid;
+  std::optional<LevelPlan> level;  ///< none: the level stays the calibration's
   SlopePlan slopes;
   VortexDetectionPlan detect;
   SplitPlan split;
@@ -56,6 +58,7 @@ struct FrameSlot {
   VortexTracker* tracker;        ///< null: every frame is judged alone
   std::int64_t frame_index = 0;  ///< counts from 0 over all frames that the feed gives
   FrameBuffer* frame = nullptr;
+  std::optional<FrameLevels> levels;
   Centroids centroids;
   SlopeField slopes;
   SlopeField weak_slopes;  ///< includes the slopes of weak spots, which the split does not use

@@ -4,9 +4,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <span>
 #include <vector>
 
+#include "centroiding/frame_level.h"
 #include "core/error.h"
+#include "core/median.h"
 #include "service/program/interrupt.h"
 #include "service/program/progress.h"
 
@@ -21,6 +25,7 @@ struct Sums {
   double x = 0.0;
   double y = 0.0;
   double flux = 0.0;
+  double variance_px2 = 0.0;  ///< of the spot, along an axis
   std::array<int, kStates> states{};
 };
 
@@ -29,13 +34,16 @@ struct Sums {
 ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptions& options,
                                         Sensor& sensor) {
   const CentroidPlan plan(sensor, source.format(), options);
+  const LevelPlan level_plan(sensor, source.format(), options);
+  FrameLevels levels(level_plan);
   FrameBuffer frame(source.format());
   Centroids centroids(sensor.grid.rows, sensor.grid.cols);
   std::vector<Sums> sums(sensor.valid.size());
   int frames = 0;
   Progress progress("calibrate", source.frame_count());
   while (!interrupted() && source.next(frame) == Delivery::kFrame) {
-    find_centroids(plan, frame.view(), centroids);
+    if (options.follow_level) measure_levels(level_plan, frame.view(), levels);
+    find_centroids(plan, frame.view(), centroids, options.follow_level ? &levels : nullptr);
     ++frames;
     progress.step();
     for (std::size_t k = 0; k < sums.size(); ++k) {
@@ -44,12 +52,14 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
       sums[k].x += static_cast<double>(centroids.x_px[k]);
       sums[k].y += static_cast<double>(centroids.y_px[k]);
       sums[k].flux += static_cast<double>(centroids.flux_adu[k]);
+      sums[k].variance_px2 += 0.5 * static_cast<double>(centroids.xx_px2[k] + centroids.yy_px2[k]);
     }
   }
 
   if (interrupted()) throw Failure("interrupted, no sensor file was written");
   ReferenceReport report;
   std::array<int, kStates> reasons{};
+  std::vector<double> sigmas_px;
   int left = 0;
   for (std::size_t k = 0; k < sums.size(); ++k) {
     if (sensor.valid[k] == 0) continue;
@@ -59,6 +69,7 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
       sensor.ref_x_px[k] = static_cast<float>(sums[k].x / n);
       sensor.ref_y_px[k] = static_cast<float>(sums[k].y / n);
       sensor.flux_adu[k] = static_cast<float>(sums[k].flux / n);
+      sigmas_px.push_back(std::sqrt(sums[k].variance_px2 / n));
       continue;
     }
     const auto& states = sums[k].states;
@@ -75,6 +86,7 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
     throw Failure(fmt::format(
         "no lenslet of the reference can be measured ({}): check exposure and thresholds",
         report.text));
+  sensor.spot_sigma_px = median_of(std::span(sigmas_px));
   if (report.dropped > 0) report.text = "spots left out: " + report.text;
   return report;
 }

@@ -1,0 +1,219 @@
+#include "centroiding/frame_level.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <span>
+
+#include "core/as_size.h"
+#include "core/median.h"
+#include "core/size_check.h"
+
+namespace curlew {
+namespace {
+
+constexpr std::size_t kMaxResiduals = 2048;  // The median of so many scatters by 2 %.
+
+bool is_good(const Sensor& sensor, std::size_t i) {
+  if (!sensor.bad_pixel.empty() && sensor.bad_pixel[i] != 0) return false;
+  if (!sensor.dark_adu.empty() && !std::isfinite(sensor.dark_adu[i])) return false;
+  return sensor.flat.empty() || (std::isfinite(sensor.flat[i]) && sensor.flat[i] > 0.0F);
+}
+
+/// Returns the good pixel next to (x, y), within a reach; −1 where there is none.
+std::int32_t good_pixel_near(const Sensor& sensor, int x, int y, int reach) {
+  for (int distance = 0; distance <= reach; ++distance) {
+    for (int dy = -distance; dy <= distance; ++dy) {
+      for (int dx = -distance; dx <= distance; ++dx) {
+        if (std::max(std::abs(dx), std::abs(dy)) != distance) continue;
+        const int column = std::clamp(x + dx, 0, sensor.frame_cols - 1);
+        const int row = std::clamp(y + dy, 0, sensor.frame_rows - 1);
+        const int i = row * sensor.frame_cols + column;
+        if (is_good(sensor, as_size(i))) return i;
+      }
+    }
+  }
+  return -1;
+}
+
+LevelPlan::Pixel calibrated_pixel(const Sensor& sensor, const FrameFormat& format, int x, int y) {
+  const int reach = std::max(1, static_cast<int>(0.5 * sensor.grid.pitch_px()));
+  const std::int32_t i = good_pixel_near(sensor, x, y, reach);
+  if (i < 0) return {};  // Such a pixel says that the level is the calibration's.
+  const auto at = as_size(i);
+  const double response = sensor.flat.empty() ? 1.0 : static_cast<double>(sensor.flat[at]);
+  const double dark =
+      sensor.dark_adu.empty() ? sensor.background_adu : static_cast<double>(sensor.dark_adu[at]);
+  return {.index = i,
+          .gain = static_cast<float>(1.0 / response),
+          .offset = static_cast<float>((dark - format.zero_adu) / format.scale_adu / response)};
+}
+
+float median_of_three(float a, float b, float c) noexcept {
+  return std::max(std::min(a, b), std::min(std::max(a, b), c));
+}
+
+/// Returns the mean of the middle two.
+float median_of_four(float a, float b, float c, float d) noexcept {
+  const float low = std::min(std::min(a, b), std::min(c, d));
+  const float high = std::max(std::max(a, b), std::max(c, d));
+  return 0.5F * (((a + b) + (c + d)) - low - high);
+}
+
+float median_of_five(float a, float b, float c, float d, float e) noexcept {
+  const float f = std::max(std::min(a, b), std::min(c, d));
+  const float g = std::min(std::max(a, b), std::max(c, d));
+  return median_of_three(e, f, g);
+}
+
+/// The median of a block; of nine pixels the median of the medians of three.
+float block_median(const float* v, int n) noexcept {
+  if (n == 1) return v[0];
+  if (n == 4) return median_of_four(v[0], v[1], v[2], v[3]);
+  return median_of_three(median_of_three(v[0], v[1], v[2]), median_of_three(v[3], v[4], v[5]),
+                         median_of_three(v[6], v[7], v[8]));
+}
+
+template <typename Count>
+void measure_blocks(const LevelPlan& plan, const Count* counts, FrameLevels& levels) noexcept {
+  const int n = plan.block_pixels();
+  const LevelPlan::Pixel* pixel = plan.pixels().data();
+  float* value = levels.values.data();
+  for (float& corner : levels.corner) {
+    for (int i = 0; i < n; ++i)
+      value[i] = pixel[i].gain * static_cast<float>(counts[pixel[i].index]) - pixel[i].offset;
+    corner = block_median(value, n);
+    pixel += n;
+    value += n;
+  }
+}
+
+/// Smooths along columns of `from`, by a median that is symmetrical about each place.
+void smooth_down(const Image<float>& from, Image<float>& to) noexcept {
+  const int last = from.rows() - 1;
+  for (int r = 0; r <= last; ++r) {
+    const int reach = std::min({2, r, last - r});
+    const float* a = &from(r - reach, 0);
+    const float* b = &from(r - reach / 2, 0);
+    const float* c = &from(r, 0);
+    const float* d = &from(r + reach / 2, 0);
+    const float* e = &from(r + reach, 0);
+    float* out = &to(r, 0);
+    for (int k = 0; k < from.cols(); ++k)
+      out[k] = reach == 2 ? median_of_five(a[k], b[k], c[k], d[k], e[k])
+                          : median_of_three(a[k], c[k], e[k]);
+  }
+}
+
+void smooth_across(const Image<float>& from, Image<float>& to) noexcept {
+  const int last = from.cols() - 1;
+  for (int r = 0; r < from.rows(); ++r) {
+    const float* row = &from(r, 0);
+    for (int c = 0; c <= last; ++c) {
+      const int reach = std::min({2, c, last - c});
+      to(r, c) = reach == 2 ? median_of_five(row[c - 2], row[c - 1], row[c], row[c + 1], row[c + 2])
+                            : median_of_three(row[c - reach], row[c], row[c + reach]);
+    }
+  }
+}
+
+/// Returns the level at a corner inside the array, from the four lenslets round it.
+float level_at_corner(const Image<float>& level, int r, int c) noexcept {
+  return 0.25F * ((level(r - 1, c - 1) + level(r - 1, c)) + (level(r, c - 1) + level(r, c)));
+}
+
+/// Collects how far the blocks' pixels lie from the level, of some where there are many.
+std::size_t collect_residuals(const LevelPlan& plan, FrameLevels& levels) noexcept {
+  const int n = plan.block_pixels();
+  const std::size_t inner = as_size(plan.rows() - 1) * as_size(plan.cols() - 1) * as_size(n);
+  const std::size_t stride = inner / kMaxResiduals + 1;
+  std::size_t seen = 0;
+  std::size_t kept = 0;
+  for (int r = 1; r < plan.rows(); ++r) {
+    for (int c = 1; c < plan.cols(); ++c) {
+      const float level = level_at_corner(levels.level, r, c);
+      const float* value = levels.values.data() + as_size(r * (plan.cols() + 1) + c) * as_size(n);
+      for (int i = 0; i < n; ++i)
+        if (seen++ % stride == 0) levels.residuals[kept++] = std::abs(value[i] - level);
+    }
+  }
+  return kept;
+}
+
+/// The rms within three σ, σ from the median; a Gaussian keeps .9733 of its variance there.
+float noise_of(std::span<float> residuals) noexcept {
+  constexpr float kSigmaOfMedian = 1.4826F;
+  constexpr float kKept = 0.9733F;
+  constexpr float kCount = 0.5F;  // Where noise is far below a count, nearly all residuals are 0.
+  if (residuals.empty()) return 0.0F;
+  const float cut = 3.0F * kSigmaOfMedian * median_of(residuals) + kCount;
+  double sum = 0.0;
+  int n = 0;
+  for (const float residual : residuals) {
+    if (residual > cut) continue;
+    sum += static_cast<double>(residual) * static_cast<double>(residual);
+    ++n;
+  }
+  return n > 0 ? std::sqrt(static_cast<float>(sum / n) / kKept) : 0.0F;
+}
+
+}  // namespace
+
+LevelPlan::LevelPlan(const Sensor& sensor, const FrameFormat& format,
+                     const CentroidOptions& options)
+    : frame_rows_(format.rows),
+      frame_cols_(format.cols),
+      rows_(sensor.valid.rows()),
+      cols_(sensor.valid.cols()),
+      plain_(options.method == CentroidMethod::kPlain),
+      gain_known_(sensor.detector.e_per_adu > 0.0),
+      fixed_threshold_(static_cast<float>(options.threshold_adu / format.scale_adu)),
+      threshold_noise_(static_cast<float>(options.threshold_noise)) {
+  const LensletGrid& grid = sensor.grid;
+  const int side = std::max(1, static_cast<int>(std::lround(grid.pitch_px() / 5.0)));
+  const int across = std::min(side, 3);  // pixels looked at along an axis
+  block_pixels_ = across * across;
+  pixels_.reserve(as_size(rows_ + 1) * as_size(cols_ + 1) * as_size(block_pixels_));
+  for (int r = 0; r <= rows_; ++r) {
+    for (int c = 0; c <= cols_; ++c) {
+      const double x = grid.origin_x_px + grid.p11 * (c - 0.5) + grid.p12 * (r - 0.5);
+      const double y = grid.origin_y_px + grid.p21 * (c - 0.5) + grid.p22 * (r - 0.5);
+      const double step = across > 1 ? (side - 1.0) / (across - 1) : 0.0;
+      for (int i = 0; i < block_pixels_; ++i)
+        pixels_.push_back(calibrated_pixel(
+            sensor, format,
+            static_cast<int>(std::lround(x - 0.5 * (side - 1) + step * (i % across))),
+            static_cast<int>(std::lround(y - 0.5 * (side - 1) + step * (i / across)))));
+    }
+  }
+}
+
+FrameLevels::FrameLevels(const LevelPlan& plan)
+    : level(plan.rows(), plan.cols()),
+      corner(plan.rows() + 1, plan.cols() + 1),
+      scratch(plan.rows(), plan.cols()),
+      values(plan.pixels().size()),
+      residuals(std::min(values.size(), kMaxResiduals) + 1) {}
+
+void measure_levels(const LevelPlan& plan, FrameView frame, FrameLevels& levels) noexcept {
+  check_size("measure_levels", "a frame", {frame.rows, frame.cols},
+             {plan.frame_rows(), plan.frame_cols()});
+  check_size("measure_levels", "levels", size_of(levels.level), size_of(plan));
+  if (frame.pixel_type == PixelType::kU16)
+    measure_blocks(plan, frame.data<std::uint16_t>(), levels);
+  else
+    measure_blocks(plan, frame.data<std::uint8_t>(), levels);
+  for (int r = 0; r < plan.rows(); ++r) {
+    const float* upper = &levels.corner(r, 0);
+    const float* lower = &levels.corner(r + 1, 0);
+    for (int c = 0; c < plan.cols(); ++c)
+      levels.level(r, c) = median_of_four(upper[c], upper[c + 1], lower[c], lower[c + 1]);
+  }
+  smooth_down(levels.level, levels.scratch);
+  smooth_across(levels.scratch, levels.level);
+  levels.noise = noise_of({levels.residuals.data(), collect_residuals(plan, levels)});
+  levels.threshold = plan.threshold(levels.noise);
+  levels.pixel_variance = plan.pixel_variance(levels.noise);
+}
+
+}  // namespace curlew

@@ -1,0 +1,88 @@
+// The level between the spots of one frame, and its noise. Both are properties of the frame and not
+// of the calibration: the sky, stray light and the detector's offset change.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "centroiding/centroid.h"
+#include "centroiding/sensor.h"
+#include "core/frame.h"
+#include "core/image.h"
+
+namespace curlew {
+
+/// Says which pixels the level is measured in: a block at every corner between lenslets, where a
+/// spot gives the least light. Const after construction, shared by threads.
+class LevelPlan {
+ public:
+  /// A block's side is a fifth of a pitch, and at most this many of its pixels are looked at.
+  static constexpr int kMaxBlockPixels = 9;
+
+  /// Takes a sensor, a format and options that CentroidPlan takes.
+  LevelPlan(const Sensor& sensor, const FrameFormat& format, const CentroidOptions& options);
+
+  int frame_rows() const { return frame_rows_; }
+  int frame_cols() const { return frame_cols_; }
+  int rows() const { return rows_; }  ///< lenslets
+  int cols() const { return cols_; }
+
+  /// A pixel of a block: its value above the calibration's dark is gain·count − offset, in counts.
+  struct Pixel {
+    std::int32_t index = 0;  ///< in the frame
+    float gain = 0;
+    float offset = 0;
+  };
+  /// [rows + 1, cols + 1] corners, each with block_pixels() pixels. Bad pixels are replaced by good
+  /// ones near by, and corners beyond the frame by its rim.
+  const std::vector<Pixel>& pixels() const { return pixels_; }
+  int block_pixels() const { return block_pixels_; }
+
+  /// T for frames of this noise, in counts; see CentroidOptions.
+  float threshold(float noise) const {
+    return plain_ ? 0.0F : std::max(fixed_threshold_, threshold_noise_ * noise);
+  }
+  /// The variance of a pixel's noise in counts²; 0 where the detector's gain is not known.
+  float pixel_variance(float noise) const {
+    return gain_known_ ? std::max(noise * noise, 1.0F / 12.0F) : 0.0F;
+  }
+
+ private:
+  int frame_rows_;
+  int frame_cols_;
+  int rows_;
+  int cols_;
+  int block_pixels_ = 0;
+  std::vector<Pixel> pixels_;
+  bool plain_;
+  bool gain_known_;
+  float fixed_threshold_;  ///< counts
+  float threshold_noise_;
+};
+
+/// The level of one frame, and what follows from it. Made once and filled anew for each frame.
+struct FrameLevels {
+  explicit FrameLevels(const LevelPlan& plan);
+
+  Image<float> level;        ///< [rows, cols] counts above the calibration's dark
+  float noise = 0;           ///< rms of a pixel between the spots, counts
+  float threshold = 0;       ///< T above the level, counts
+  float pixel_variance = 0;  ///< counts²
+
+  // Buffers of measure_levels().
+  Image<float> corner;  ///< [rows + 1, cols + 1]
+  Image<float> scratch;
+  std::vector<float> values;  ///< of all blocks' pixels
+  std::vector<float> residuals;
+};
+
+/// Measures the level and the noise of one frame, of the plan's format. Never allocates.
+///
+/// A block's value is its median, a lenslet's that of its four blocks, and these are smoothed by a
+/// median over five lenslets down and then across, of fewer near the rim so that a gradient stays
+/// what it is. Spots, hot pixels and cosmic rays that reach less than half of the blocks do not
+/// count. The noise is the rms of the blocks' pixels about the level, beyond 3 σ cut off.
+void measure_levels(const LevelPlan& plan, FrameView frame, FrameLevels& levels) noexcept;
+
+}  // namespace curlew
