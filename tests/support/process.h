@@ -78,17 +78,35 @@ class Process {
     return false;
   }
 
+  /// Waits until the program catches the signal, which it does not from its very start. Returns
+  /// false if it does not in time.
+  bool catches(int number, std::chrono::seconds longest) const {
+    const auto until = std::chrono::steady_clock::now() + longest;
+    while (std::chrono::steady_clock::now() < until) {
+      const std::string caught = status_line("SigCgt:");
+      if (!caught.empty() && ((std::stoull(caught, nullptr, 16) >> (number - 1)) & 1U) != 0)
+        return true;
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    return false;
+  }
+
   int threads() const { return entries("task"); }
   int open_files() const { return entries("fd"); }
   /// Returns the resident memory, in kB.
   long memory_kb() const {
-    std::ifstream status("/proc/" + std::to_string(pid_) + "/status");
-    for (std::string line; std::getline(status, line);)
-      if (line.rfind("VmRSS:", 0) == 0) return std::stol(line.substr(6));
-    return 0;
+    const std::string resident = status_line("VmRSS:");
+    return resident.empty() ? 0 : std::stol(resident);
   }
 
  private:
+  /// Returns what follows the key in /proc/PID/status; empty where there is no such line.
+  std::string status_line(const std::string& key) const {
+    std::ifstream status("/proc/" + std::to_string(pid_) + "/status");
+    for (std::string line; std::getline(status, line);)
+      if (line.rfind(key, 0) == 0) return line.substr(key.size());
+    return {};
+  }
   static std::string text_of(const std::string& path) {
     std::ostringstream text;
     text << std::ifstream(path).rdbuf();

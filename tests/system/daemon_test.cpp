@@ -215,8 +215,10 @@ TEST_F(Daemon, StopsWhileItOpensOrSearches) {
   for (const int milliseconds : {0, 50, 150, 300, 700}) {
     const auto curlew =
         daemon({"--camera", "aravis:127.0.0.1", "--sensor", scratch_ / "sensor.fits"});
-    std::this_thread::sleep_for(std::chrono::milliseconds(200 + milliseconds));
-    curlew->signal(milliseconds % 100 == 0 ? SIGTERM : SIGINT);
+    const int number = milliseconds % 100 == 0 ? SIGTERM : SIGINT;
+    ASSERT_TRUE(curlew->catches(number, seconds(20)));
+    std::this_thread::sleep_for(std::chrono::milliseconds(milliseconds));
+    curlew->signal(number);
     EXPECT_EQ(curlew->wait(seconds(20)), 0) << curlew->err();
   }
 }
