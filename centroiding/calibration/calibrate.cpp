@@ -4,10 +4,14 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <functional>
+#include <iterator>
 #include <limits>
 #include <utility>
 
+#include "centroiding/calibration/detector_estimate.h"
 #include "centroiding/calibration/lenslet_grid_finder.h"
+#include "centroiding/calibration/optics_check.h"
 #include "centroiding/calibration/sentence.h"
 #include "centroiding/calibration/spot_picture.h"
 #include "centroiding/calibration/window_gain.h"
@@ -59,48 +63,140 @@ Image<float> correct(const Image<float>& reference, const Sensor& sensor) {
   return out;
 }
 
-/// Fills in read noise and gain where they were not given; `noise_adu` is the noise of one frame.
-void complete_detector(Detector& detector, const CalibrationInput& input, double noise_adu,
-                       std::vector<std::string>& notes) {
-  if (std::isnan(detector.e_per_adu)) {
-    detector.e_per_adu = 1.0;
-    notes.emplace_back(
-        "e- per ADU was not given and is taken as 1: variances from photon noise are a guess "
-        "(--e-per-adu)");
+/// Adds what the reference shows to be no picture to the bad pixels: borders, and lone hot pixels.
+/// Where every tenth spot has a hot pixel, spots are undersampled and it is they that are so sharp.
+void adopt_found_bad_pixels(Sensor& sensor, const FoundGrid& found,
+                            std::vector<std::string>& notes) {
+  constexpr double kOnSpot = 0.25;  // pitches
+  constexpr int kSpotsForOne = 10;
+  if (!found.border.empty()) {
+    add_bad_pixels(sensor, found.border);
+    notes.push_back(say(std::count(found.border.begin(), found.border.end(), std::uint8_t{1}),
+                        " pixels at the frame's rim hold no picture, as overscan does, and are ",
+                        "taken as bad"));
   }
-  if (std::isnan(detector.read_noise_e)) {
-    if (!input.dark_variance_adu2.empty()) {
-      std::vector<float> variances;
-      for (const float v : input.dark_variance_adu2) {
-        if (std::isfinite(v)) variances.push_back(v);
-      }
-      noise_adu = std::sqrt(quantile(std::move(variances), 0.5));
-      notes.push_back(say("read noise ", noise_adu, " ADU, measured from the stack of darks"));
-    } else {
-      notes.push_back(say("read noise was not given and is estimated as ", noise_adu,
-                          " ADU from the scatter between the spots (--read-noise-e)"));
+  int n_hot = 0;
+  int n_on_spots = 0;
+  for (int r = 0; r < found.hot.rows(); ++r) {
+    for (int c = 0; c < found.hot.cols(); ++c) {
+      if (found.hot(r, c) == 0) continue;
+      ++n_hot;
+      const auto [col, row] = found.grid.lenslet_from_pixel(c, r);
+      const int i = static_cast<int>(std::lround(row));
+      const int j = static_cast<int>(std::lround(col));
+      if (!found.lit.contains(i, j) || found.lit(i, j) == 0) continue;
+      const double distance = std::hypot(static_cast<double>(found.spot_x_px(i, j)) - c,
+                                         static_cast<double>(found.spot_y_px(i, j)) - r);
+      n_on_spots += distance < kOnSpot * found.grid.pitch_px() ? 1 : 0;
     }
-    detector.read_noise_e = noise_adu * detector.e_per_adu;
   }
+  if (n_hot == 0 || n_on_spots * kSpotsForOne > found.n_lit) return;
+  add_bad_pixels(sensor, found.hot);
+  notes.push_back(say(n_hot, " pixels of the reference are too sharp to be light through the ",
+                      "optics, and are taken as bad"));
 }
 
-/// Notes that the reference may be saturated: where many pixels hold exactly the largest value,
-/// that value is the detector's end and not light.
-void note_saturation(const CalibrationInput& input, std::vector<std::string>& notes) {
-  if (!std::isnan(input.detector.saturation_adu)) return;
-  float top = -std::numeric_limits<float>::max();
-  int n = 0;
-  for (const float v : input.reference_adu) {
-    if (v > top) {
-      top = v;
-      n = 0;
-    }
-    n += v == top ? 1 : 0;
+/// Returns the median over the spots of their brightest pixel.
+double typical_peak(const Image<float>& image, const FoundGrid& found) {
+  std::vector<float> peaks;
+  for (std::size_t k = 0; k < found.lit.size(); ++k) {
+    if (found.lit[k] == 0) continue;
+    const int row = static_cast<int>(std::lround(found.spot_y_px[k]));
+    const int col = static_cast<int>(std::lround(found.spot_x_px[k]));
+    if (image.contains(row, col)) peaks.push_back(image(row, col));
   }
+  return quantile(std::move(peaks), 0.5);
+}
+
+/// Returns the level to subtract from the corrected reference: that between the spots, lenslet by
+/// lenslet where it is uneven and no dark tells it.
+Image<float> find_level(const Image<float>& corrected, const Sensor& sensor, const FoundGrid& found,
+                        bool dark_given, std::vector<std::string>& notes) {
+  constexpr double kUnevenNoises = 10.0;
+  constexpr double kUnevenOfSpots = 0.1;
+  Image<float> level(corrected.rows(), corrected.cols(), static_cast<float>(sensor.background_adu));
+  if (dark_given) return level;
+  Image<float> filled = corrected;
+  fill_bad_pixels(filled, sensor.bad_pixel, static_cast<float>(found.background_adu));
+  Image<float> map = map_between_spots(filled, found.grid);
+  // The wings of dense spots lift the level as well, but evenly, so only corners amid four spots
+  // are compared.
+  std::vector<float> values;
+  for (int r = 0; r + 1 < found.grid.rows; ++r) {
+    for (int c = 0; c + 1 < found.grid.cols; ++c) {
+      if (found.lit(r, c) + found.lit(r, c + 1) + found.lit(r + 1, c) + found.lit(r + 1, c + 1) < 4)
+        continue;
+      const auto [x, y] = found.grid.pixel_from_lenslet(c + 0.5, r + 0.5);
+      values.push_back(map(std::clamp(static_cast<int>(std::lround(y)), 0, map.rows() - 1),
+                           std::clamp(static_cast<int>(std::lround(x)), 0, map.cols() - 1)));
+    }
+  }
+  const double low = quantile(values, 0.1);
+  const double high = quantile(std::move(values), 0.9);
+  const double spots = typical_peak(corrected, found) - found.background_adu;
+  if (high - low <= std::max(kUnevenNoises * found.noise_adu, kUnevenOfSpots * spots)) return level;
+  notes.push_back(say("the level between the spots is uneven, from ", low, " to ", high,
+                      " ADU: spots of the reference are measured over the level round them"));
+  return map;
+}
+
+/// Takes the largest value as the saturation level where none was given and that value is no
+/// chance: at least 8 pixels hold it, three times as many as any other value in the upper half.
+/// Frames without noise say nothing.
+void find_saturation(Sensor& sensor, const Image<float>& reference, const FoundGrid& found,
+                     std::vector<std::string>& notes) {
   constexpr int kMany = 8;
-  if (n >= kMany) {
-    notes.push_back(say(n, " pixels of the reference hold its largest value, ", top,
-                        " ADU: if that is saturation, expose less and give --saturation-adu"));
+  constexpr int kTimes = 3;
+  if (!std::isnan(sensor.detector.saturation_adu) || !(found.noise_adu > 0.0)) return;
+  std::vector<float> values;
+  for (std::size_t i = 0; i < reference.size(); ++i) {
+    const bool bad = !sensor.bad_pixel.empty() && sensor.bad_pixel[i] != 0;
+    if (!bad && std::isfinite(reference[i])) values.push_back(reference[i]);
+  }
+  if (values.empty()) return;
+  std::sort(values.begin(), values.end(), std::greater<>());
+  const double half = 0.5 * (found.background_adu + static_cast<double>(values.front()));
+  int n_top = 0;
+  int n_other = 0;
+  for (std::size_t i = 0; i < values.size() && static_cast<double>(values[i]) > half;) {
+    std::size_t end = i;
+    while (end < values.size() && values[end] == values[i]) ++end;
+    const auto n = static_cast<int>(end - i);
+    if (i == 0) {
+      n_top = n;
+    } else {
+      n_other = std::max(n_other, n);
+    }
+    i = end;
+  }
+  if (n_top < kMany || n_top < kTimes * n_other) return;
+  sensor.detector.saturation_adu = static_cast<double>(values.front());
+  notes.push_back(say(n_top, " pixels of the reference hold its largest value, ", values.front(),
+                      " ADU, which is taken as the saturation level (--saturation-adu)"));
+}
+
+/// Refuses a reference of which more than a tenth of the spots are saturated.
+void refuse_saturated(const Sensor& sensor, const Image<float>& reference) {
+  constexpr int kTenth = 10;
+  if (std::isnan(sensor.detector.saturation_adu)) return;
+  int n_lit = 0;
+  int n_saturated = 0;
+  for (const Window& w : sensor.window) {
+    if (w.w == 0) continue;
+    ++n_lit;
+    bool saturated = false;
+    for (int r = w.y0; r < w.y0 + w.h; ++r) {
+      for (int c = w.x0; c < w.x0 + w.w; ++c) {
+        const bool bad = !sensor.bad_pixel.empty() && sensor.bad_pixel(r, c) != 0;
+        saturated = saturated || (!bad && static_cast<double>(reference(r, c)) >=
+                                              sensor.detector.saturation_adu);
+      }
+    }
+    n_saturated += saturated ? 1 : 0;
+  }
+  if (n_saturated * kTenth > n_lit) {
+    throw Failure(say(n_saturated, " of ", n_lit, " spots of the reference are saturated at ",
+                      sensor.detector.saturation_adu, " ADU: expose it less"));
   }
 }
 
@@ -215,10 +311,12 @@ void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
   }
 }
 
-/// Sets windows, first references, flux and gain of every lit lenslet.
-void measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>& light,
-                   const CentroidOptions& options, double reference_noise_adu,
-                   std::vector<std::string>& notes) {
+/// Sets windows, first references, flux and gain of every lit lenslet. Returns how wide the typical
+/// spot is over what diffraction makes it.
+double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>& light,
+                     const CalibrationInput& input, double reference_noise_adu,
+                     std::vector<std::string>& notes) {
+  const CentroidOptions& options = input.centroid;
   const int rows = found.grid.rows;
   const int cols = found.grid.cols;
   const int side = window_side(found.grid);
@@ -264,9 +362,15 @@ void measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>& l
     notes.push_back(say(n_dropped, " spots at the rim were left out: less than half of the window ",
                         "is on the detector, or nothing in it exceeds the threshold"));
   }
-  const WindowGains gains = find_window_gains(sensor, measured, threshold, options);
+  const WindowGains gains = find_window_gains(sensor, light, measured, threshold, options,
+                                              {input.reference_frames, input.adu_per_count});
   sensor.spot_blur_px = gains.spot_blur_px;
   set_gains(sensor, measured, gains.gains, notes);
+  return gains.width_over_diffraction;
+}
+
+void append(std::vector<std::string>& notes, std::vector<std::string> more) {
+  std::ranges::move(more, std::back_inserter(notes));
 }
 
 }  // namespace
@@ -294,19 +398,26 @@ Calibration calibrate_sensor(const CalibrationInput& input) {
   const FoundGrid found = find_lenslet_grid(corrected, sensor.bad_pixel, input.optics.mirrored);
   sensor.grid = found.grid;
   sensor.residual_px = found.residual_px;
+  append(calibration.notes, check_pitch(sensor.optics, found.grid.pitch_px()));
   if (input.dark_adu.empty()) {
     sensor.background_adu = found.background_adu;
     calibration.notes.push_back(say("no dark was given: a background of ", found.background_adu,
                                     " ADU, the median between the spots, is subtracted"));
   }
-  complete_detector(sensor.detector, input, found.noise_adu * std::sqrt(input.reference_frames),
-                    calibration.notes);
-  note_saturation(input, calibration.notes);
-
+  adopt_found_bad_pixels(sensor, found, calibration.notes);
+  const Image<float> level =
+      find_level(corrected, sensor, found, !input.dark_adu.empty(), calibration.notes);
   Image<float> light = corrected;
-  for (float& value : light) value -= static_cast<float>(sensor.background_adu);
+  for (std::size_t i = 0; i < light.size(); ++i) light[i] -= level[i];
+  sensor.detector = complete_detector(input, found, light, calibration.notes);
+  find_saturation(sensor, input.reference_adu, found, calibration.notes);
+
   fill_bad_pixels(light, sensor.bad_pixel, 0.0F);
-  measure_spots(sensor, found, light, input.centroid, found.noise_adu, calibration.notes);
+  calibration.width_over_diffraction =
+      measure_spots(sensor, found, light, input, found.noise_adu, calibration.notes);
+  refuse_saturated(sensor, input.reference_adu);
+  append(calibration.notes, check_spot_width(sensor.optics, found.grid.pitch_px(),
+                                             calibration.width_over_diffraction));
   return calibration;
 }
 

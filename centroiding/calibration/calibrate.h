@@ -17,6 +17,9 @@ namespace curlew {
 struct CalibrationInput {
   Image<float> reference_adu;  ///< mean of the reference frames, as read: dark not subtracted
   int reference_frames = 1;    ///< number of frames of which that is the mean
+  Image<float> reference_variance_adu2;  ///< over those frames; tells e⁻ per ADU
+  double adu_per_count = 1.0;            ///< what a count of the frames is worth in ADU
+  int value_step = 1;  ///< all values are multiples of it, as of 12 bits in the upper part of 16
   Image<float> dark_adu;
   Image<float> dark_variance_adu2;  ///< over the frames of a dark stack; gives the read noise
   Image<float> flat;                ///< response on any scale; 0 or less marks a dead pixel
@@ -31,6 +34,7 @@ struct CalibrationInput {
 
 struct Calibration {
   Sensor sensor;
+  double width_over_diffraction = kUnknown;  ///< of the typical spot; NaN where it is not known
   /// Each note is a sentence that says what was not given and how it was found.
   std::vector<std::string> notes;
 };
@@ -47,11 +51,12 @@ struct Calibration {
 /// 0.7 of the median measured gain is left out, because its spot is a smear or is cut by the rim.
 ///
 /// References are centres of gravity over the windows. They are a first estimate, and the caller
-/// measures them again with the pipeline's own kernel. What is not known stays NaN, except that e⁻
-/// per ADU becomes 1 and the read noise is measured, each with a note.
+/// measures them again with the pipeline's own kernel. What is not known stays NaN, except e⁻ per
+/// ADU and the read noise, which are estimated (detector_estimate.h), each with a note.
 ///
 /// Throws Failure as find_lenslet_grid() does, and where a map differs in size from the reference
-/// or the flat has no pixel above 0.
+/// or the flat has no pixel above 0; where the pitch or the spots contradict the optics
+/// (optics_check.h); and where more than a tenth of the spots are saturated.
 Calibration calibrate_sensor(const CalibrationInput& input);
 
 }  // namespace curlew

@@ -141,6 +141,18 @@ void refuse_other_lattices(const LatticeVectors& v) {
   }
 }
 
+/// Interpolates bilinearly between the values of an image, and holds the place within it.
+float interpolate(const Image<float>& image, double row, double col) {
+  const double y = std::clamp(row, 0.0, image.rows() - 1.0);
+  const double x = std::clamp(col, 0.0, image.cols() - 1.0);
+  const int r = std::min(static_cast<int>(y), image.rows() - 2);
+  const int c = std::min(static_cast<int>(x), image.cols() - 2);
+  const auto v = static_cast<float>(y - r);
+  const auto u = static_cast<float>(x - c);
+  return (1.0F - v) * ((1.0F - u) * image(r, c) + u * image(r, c + 1)) +
+         v * ((1.0F - u) * image(r + 1, c) + u * image(r + 1, c + 1));
+}
+
 FoundGrid make_found(LensletGrid grid, const IndexedSpots& lit) {
   LensletIndex low = lit.begin()->first;
   LensletIndex high = low;
@@ -195,6 +207,53 @@ Level measure_between_spots(const Image<float>& image_adu, const LensletGrid& gr
           1.4826 * quantile(std::move(differences), 0.5) / std::numbers::sqrt2};
 }
 
+Image<float> map_between_spots(const Image<float>& image_adu, const LensletGrid& grid) {
+  constexpr double kFromMidway = 0.2;  // pitches
+  // Corner (r, c) is the one before lenslet (r, c), in a frame of two corners more on each side.
+  constexpr int kRim = 2;
+  const int rows = grid.rows + 2 * kRim;
+  const int cols = grid.cols + 2 * kRim;
+  Image<std::vector<float>> values(rows, cols);
+  for (int r = 0; r < image_adu.rows(); ++r) {
+    for (int c = 0; c < image_adu.cols(); ++c) {
+      const auto [col, row] = grid.lenslet_from_pixel(c, r);
+      const double u = col + 0.5;
+      const double v = row + 0.5;
+      const int at_col = static_cast<int>(std::lround(u)) + kRim;
+      const int at_row = static_cast<int>(std::lround(v)) + kRim;
+      if (!values.contains(at_row, at_col) || std::abs(u - std::round(u)) > kFromMidway ||
+          std::abs(v - std::round(v)) > kFromMidway) {
+        continue;
+      }
+      values(at_row, at_col).push_back(image_adu(r, c));
+    }
+  }
+  Image<float> corners(rows, cols);
+  for (int r = 0; r < rows; ++r) {
+    for (int c = 0; c < cols; ++c) {
+      std::vector<float> near;
+      for (int reach = 1; near.empty() && reach < std::max(rows, cols); ++reach) {
+        for (int dr = -reach; dr <= reach; ++dr) {
+          for (int dc = -reach; dc <= reach; ++dc) {
+            if (!values.contains(r + dr, c + dc)) continue;
+            const std::vector<float>& more = values(r + dr, c + dc);
+            near.insert(near.end(), more.begin(), more.end());
+          }
+        }
+      }
+      corners(r, c) = static_cast<float>(quantile(std::move(near), 0.5));
+    }
+  }
+  Image<float> map(image_adu.rows(), image_adu.cols());
+  for (int r = 0; r < map.rows(); ++r) {
+    for (int c = 0; c < map.cols(); ++c) {
+      const auto [col, row] = grid.lenslet_from_pixel(c, r);
+      map(r, c) = interpolate(corners, row + 0.5 + kRim, col + 0.5 + kRim);
+    }
+  }
+  return map;
+}
+
 FoundGrid find_lenslet_grid(const Image<float>& reference_adu, const Image<std::uint8_t>& bad_pixel,
                             bool mirrored) {
   const SpotPicture picture = clean_spot_picture(reference_adu, bad_pixel);
@@ -223,6 +282,8 @@ FoundGrid find_lenslet_grid(const Image<float>& reference_adu, const Image<std::
   const Level between = measure_between_spots(picture.pixels_adu, found.grid);
   found.background_adu = between.median_adu;
   found.noise_adu = between.noise_adu;
+  found.hot = std::move(scene.hot);
+  found.border = picture.border;
   return found;
 }
 

@@ -20,6 +20,9 @@ struct FoundGrid {
   double anisotropy = 0.0;   ///< |P| along its longest over its shortest direction, less 1
   double background_adu = 0.0;  ///< median midway between spots
   double noise_adu = 0.0;       ///< standard deviation of one pixel there, from differences
+  // These maps are [rows, cols] of the frame.
+  Image<std::uint8_t> hot;     ///< 1 where a pixel is too sharp to be a spot's
+  Image<std::uint8_t> border;  ///< 1 where the rim holds no picture (find_borders()), or empty
 };
 
 /// Finds a square grid of spots. The pitch may be 4 px to a quarter of the frame's shorter side,
@@ -36,6 +39,11 @@ struct Level {
   double median_adu = 0.0;
   double noise_adu = 0.0;  ///< noise of one pixel, from differences of neighbours
 };
+
+/// Measures the level between the spots lenslet by lenslet and returns it for every pixel: the
+/// median of the 3×3 nearest corners of lenslets, interpolated between the corners. `image_adu`
+/// must not hold NaN.
+Image<float> map_between_spots(const Image<float>& image_adu, const LensletGrid& grid);
 
 /// Measures the level and noise between the spots; one frame of a recording tells its read noise
 /// this way. The image must not hold NaN, because pixels are not tested for it. A grid so fine that

@@ -19,19 +19,18 @@ double threshold_of(const SpotView& view, const std::vector<double>& x,
   return std::max(view.threshold_adu, view.threshold_relative * peak);
 }
 
-/// Returns what a pixel's light yields above the threshold, averaged over the noise.
-double mean_signal(double light, double threshold, const SpotView& view) {
+}  // namespace
+
+double mean_signal(double light, double threshold, double noise_adu, double adu_per_e) {
   // This is in standard deviations. What is left out beyond it is below 1e-9 standard deviations.
   constexpr double kCertain = 6.0;
   const double u = light - threshold;
-  const double sigma = std::sqrt(view.noise_adu * view.noise_adu + view.adu_per_e * light);
+  const double sigma = std::sqrt(noise_adu * noise_adu + adu_per_e * std::max(light, 0.0));
   if (std::abs(u) >= kCertain * sigma) return std::max(u, 0.0);
   const double z = u / sigma;
   return 0.5 * u * std::erfc(-z / std::numbers::sqrt2) +
          sigma * std::exp(-0.5 * z * z) / std::sqrt(2.0 * kPi);
 }
-
-}  // namespace
 
 SpotModel::SpotModel(double diffraction_px, double blur_px) {
   constexpr double kMinBlurOfPointPx = 0.2;
@@ -100,7 +99,8 @@ SpotMoments SpotModel::moments(const SpotView& view) const {
   for (int r = 0; r < w.h; ++r) {
     const double row_adu = view.total_adu * y[static_cast<std::size_t>(r)];
     for (int c = 0; c < w.w; ++c) {
-      const double signal = mean_signal(row_adu * x[static_cast<std::size_t>(c)], threshold, view);
+      const double signal = mean_signal(row_adu * x[static_cast<std::size_t>(c)], threshold,
+                                        view.noise_adu, view.adu_per_e);
       sum += signal;
       sum_x += signal * c;
       sum_y += signal * r;
@@ -135,7 +135,11 @@ double SpotModel::total_for_flux(const SpotView& view, double flux_adu) const {
         slope += threshold > view.threshold_adu ? signal / bright.total_adu : share;
       }
     }
-    if (slope <= 0.0 || std::abs(flux - flux_adu) <= kClose * flux_adu) break;
+    if (slope <= 0.0) {
+      bright.total_adu *= 4.0;  // Nothing exceeds the threshold yet.
+      continue;
+    }
+    if (std::abs(flux - flux_adu) <= kClose * flux_adu) break;
     bright.total_adu += (flux_adu - flux) / slope;
   }
   return bright.total_adu;

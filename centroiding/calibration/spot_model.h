@@ -21,6 +21,10 @@ struct SpotView {
   double adu_per_e = 0.0;           ///< photon noise follows from it; 0 for none
 };
 
+/// Returns what a pixel's light yields above the threshold, averaged over its noise; all in ADU,
+/// and noise_adu as in SpotView.
+double mean_signal(double light, double threshold, double noise_adu, double adu_per_e);
+
 /// These are sums over the window of what exceeds the threshold, averaged over frames. Noise of rms
 /// σ lifts pixels near the threshold T over it, so that with u = I − T the light I yields
 ///     E[max(u + n, 0)] = u·Φ(u/σ) + σ·φ(u/σ).

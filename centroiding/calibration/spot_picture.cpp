@@ -27,7 +27,9 @@ void for_each_neighbour(const Image<float>& image, int row, int col, Visit visit
 
 /// Replaces hot pixels by their surroundings. A pixel that towers over all its neighbours is no
 /// spot: even a spot whose light is spread over σ = 0.5 px puts a tenth of its peak next to it.
-void remove_hot_pixels(Image<float>& image, double noise_adu) {
+/// They are marked in `hot` where they stand out by at least `matters_adu`.
+void remove_hot_pixels(Image<float>& image, double noise_adu, double matters_adu,
+                       Image<std::uint8_t>& hot) {
   constexpr float kNoises = 8.0F;
   constexpr float kMinSpread = 0.08F;
   const Image<float> before = image;
@@ -48,6 +50,7 @@ void remove_hot_pixels(Image<float>& image, double noise_adu) {
       const float minimum = kNoises * static_cast<float>(noise_adu);
       if (excess > minimum && second - around < std::max(kMinSpread * excess, 0.2F * minimum)) {
         image(r, c) = around;
+        hot(r, c) = static_cast<double>(excess) > matters_adu ? 1 : 0;
       }
     }
   }
@@ -74,7 +77,79 @@ double estimate_noise(const Image<float>& image) {
   return quantile(std::move(differences), 0.1) / (kLowerTenthOfNormal * kNorm);
 }
 
+/// Says which values of a frame's middle are usual, and how far a border's must lie outside.
+struct UsualValues {
+  double low = 0.0;
+  double high = 0.0;
+  double margin = 0.0;
+
+  bool excludes(std::vector<float> line) const {
+    if (line.empty()) return false;
+    const double median = quantile(std::move(line), 0.5);
+    return median < low - margin || median > high + margin;
+  }
+};
+
+bool is_usable(const Image<float>& image, const Image<std::uint8_t>& bad, int row, int col) {
+  return std::isfinite(image(row, col)) && (bad.empty() || bad(row, col) == 0);
+}
+
+UsualValues usual_values(const Image<float>& image, const Image<std::uint8_t>& bad) {
+  std::vector<float> middle;
+  for (int r = image.rows() / 4; r < image.rows() - image.rows() / 4; ++r) {
+    for (int c = image.cols() / 4; c < image.cols() - image.cols() / 4; ++c) {
+      if (is_usable(image, bad, r, c)) middle.push_back(image(r, c));
+    }
+  }
+  UsualValues usual;
+  usual.low = quantile(middle, 0.002);
+  usual.high = quantile(std::move(middle), 0.998);
+  usual.margin = usual.high - usual.low;
+  return usual;
+}
+
+/// Returns how many columns (or rows) from `first` on, in steps of `step`, hold no picture.
+int count_border(const Image<float>& image, const Image<std::uint8_t>& bad, bool columns, int first,
+                 int step, const UsualValues& usual) {
+  const int most = (columns ? image.cols() : image.rows()) / 4;
+  const int length = columns ? image.rows() : image.cols();
+  int n = 0;
+  for (; n < most; ++n) {
+    std::vector<float> line;
+    for (int i = 0; i < length; ++i) {
+      const int row = columns ? i : first + n * step;
+      const int col = columns ? first + n * step : i;
+      if (is_usable(image, bad, row, col)) line.push_back(image(row, col));
+    }
+    if (!usual.excludes(std::move(line))) break;
+  }
+  return n;
+}
+
 }  // namespace
+
+Image<std::uint8_t> find_borders(const Image<float>& reference_adu,
+                                 const Image<std::uint8_t>& bad_pixel) {
+  const int rows = reference_adu.rows();
+  const int cols = reference_adu.cols();
+  const UsualValues usual = usual_values(reference_adu, bad_pixel);
+  const auto count = [&](bool columns, int first, int step) {
+    return count_border(reference_adu, bad_pixel, columns, first, step, usual);
+  };
+  const int left = count(true, 0, 1);
+  const int right = count(true, cols - 1, -1);
+  const int top = count(false, 0, 1);
+  const int bottom = count(false, rows - 1, -1);
+  if (left + right + top + bottom == 0) return {};
+  Image<std::uint8_t> border(rows, cols, 0);
+  for (int r = 0; r < rows; ++r) {
+    for (int c = 0; c < cols; ++c) {
+      const bool inside = c >= left && c < cols - right && r >= top && r < rows - bottom;
+      border(r, c) = inside ? 0 : 1;
+    }
+  }
+  return border;
+}
 
 void fill_bad_pixels(Image<float>& image, const Image<std::uint8_t>& bad_pixel, float background) {
   for (std::size_t i = 0; i < image.size(); ++i) {
@@ -116,6 +191,10 @@ SpotPicture clean_spot_picture(const Image<float>& reference_adu,
   SpotPicture picture;
   picture.pixels_adu = reference_adu;
   Image<float>& image = picture.pixels_adu;
+  picture.border = find_borders(reference_adu, bad_pixel);
+  for (std::size_t i = 0; i < picture.border.size(); ++i) {
+    if (picture.border[i] != 0) image[i] = kNaN;
+  }
   std::vector<float> good;
   good.reserve(image.size());
   for (std::size_t i = 0; i < image.size(); ++i) {
@@ -138,9 +217,18 @@ SpotPicture clean_spot_picture(const Image<float>& reference_adu,
                       " pixels hold ", top, " ADU; expose it less"));
   }
   picture.background_adu = quantile(good, 0.25);
-  fill_bad_pixels(image, bad_pixel, static_cast<float>(picture.background_adu));
+  // A border is filled only once hot pixels beside it are gone, which would spread into it.
+  const auto background = static_cast<float>(picture.background_adu);
+  for (std::size_t i = 0; i < picture.border.size(); ++i) {
+    if (picture.border[i] != 0) image[i] = background;
+  }
+  fill_bad_pixels(image, bad_pixel, background);
   picture.noise_adu = estimate_noise(image);
-  remove_hot_pixels(image, picture.noise_adu);
+  picture.hot = Image<std::uint8_t>(image.rows(), image.cols(), 0);
+  constexpr double kMatters = 0.05;  // of the brightest light
+  picture.matters_adu = kMatters * (quantile(good, 0.999) - picture.background_adu);
+  remove_hot_pixels(image, picture.noise_adu, picture.matters_adu, picture.hot);
+  fill_bad_pixels(image, picture.border, background);
   return picture;
 }
 

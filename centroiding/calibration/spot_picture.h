@@ -17,7 +17,16 @@ struct SpotPicture {
   Image<float> pixels_adu;      ///< bad and lone hot pixels replaced by their neighbours
   double background_adu = 0.0;  ///< a low quantile, because spots may cover most of the frame
   double noise_adu = 0.0;       ///< noise of one pixel; an upper bound where spots cover the frame
+  double matters_adu = 0.0;     ///< a pixel must stand out by this much to be marked as hot
+  Image<std::uint8_t> hot;      ///< 1 where a lone hot pixel was replaced
+  Image<std::uint8_t> border;   ///< as find_borders() returns it
 };
+
+/// Returns 1 in the columns and rows at the frame's rim that hold no picture, as overscan does: of
+/// each, the median lies farther out of the values in the frame's middle than these are wide. The
+/// map is empty where there are none. They are at most a quarter of the frame on each side.
+Image<std::uint8_t> find_borders(const Image<float>& reference_adu,
+                                 const Image<std::uint8_t>& bad_pixel);
 
 /// Cleans a frame. Throws Failure where fewer than half of the pixels are usable, where all hold
 /// one value, or where most are saturated.

@@ -148,6 +148,7 @@ bool remove_hot_pixels_in_spots(SpotScene& scene, const std::vector<Spot>& candi
       const double next = brightest_neighbour(scene, r, c);
       if (next > minimum * here) continue;
       scene.pixels(r, c) = static_cast<float>(next);
+      if (here - next > scene.matters) scene.hot(r, c) = 1;
       any = true;
     }
   }
@@ -176,6 +177,8 @@ SpotScene make_spot_scene(const SpotPicture& picture, double pitch_px) {
   SpotScene scene;
   scene.pitch = pitch_px;
   scene.pixels = picture.pixels_adu;
+  scene.hot = picture.hot;
+  scene.matters = picture.matters_adu;
   for (float& v : scene.pixels) v -= static_cast<float>(picture.background_adu);
   const double smooth_px = smoothing_px(pitch_px);
   scene.smooth = smooth_gaussian(scene.pixels, smooth_px);

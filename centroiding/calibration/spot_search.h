@@ -2,6 +2,7 @@
 // surroundings.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -28,6 +29,8 @@ struct SpotScene {
   double pitch = 0.0;        ///< px
   double pixel_noise = 0.0;  ///< ADU, noise of one pixel of `pixels`
   double noise = 0.0;        ///< ADU, noise of one pixel of `smooth`
+  double matters = 0.0;      ///< ADU, as in SpotPicture
+  Image<std::uint8_t> hot;   ///< 1 where a hot pixel was replaced
 
   /// Returns the smoothed light in ADU, interpolated bilinearly between pixels; x and y are in px
   /// and held within the frame.

@@ -5,6 +5,9 @@
 #include <cmath>
 #include <cstddef>
 #include <numbers>
+#include <utility>
+
+#include "centroiding/calibration/optics_check.h"
 
 namespace curlew {
 namespace {
@@ -21,35 +24,57 @@ SpotView view_of(const SpotModel& model, const Window& window, const WindowMeasu
   return view;
 }
 
-/// Returns the blur that gives the model the spread of the typical spot. It is 0 where diffraction
-/// alone spreads the light as much.
-double fit_blur(const Sensor& sensor, const std::vector<WindowMeasurement>& measured,
-                double diffraction_px, const SignalThreshold& threshold) {
+/// This is what the typical spot tells, the one of median spread.
+struct SpotWidth {
+  double blur_px = 0.0;  ///< σ that widens the model to it; 0 where diffraction is as wide
+  double over_diffraction = kUnknown;
+};
+
+/// Halves [low, high] until the lengths that make the model too narrow end there.
+template <typename TooNarrow>
+double widest_too_narrow(double low, double high, TooNarrow is_too_narrow) {
+  constexpr int kHalvings = 16;
+  for (int i = 0; i < kHalvings; ++i) {
+    const double middle = 0.5 * (low + high);
+    (is_too_narrow(middle) ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
+}
+
+SpotWidth fit_width(const Sensor& sensor, const std::vector<WindowMeasurement>& measured,
+                    double model_diffraction_px, const SignalThreshold& threshold) {
   std::vector<std::size_t> lit;
   for (std::size_t k = 0; k < measured.size(); ++k) {
     if (sensor.valid[k] != 0) lit.push_back(k);
   }
-  if (lit.empty()) return 0.0;
+  if (lit.empty()) return {};
   const auto median = lit.begin() + static_cast<std::ptrdiff_t>(lit.size() / 2);
   std::nth_element(lit.begin(), median, lit.end(), [&](std::size_t a, std::size_t b) {
     return measured[a].spread_px2 < measured[b].spread_px2;
   });
   const Window& window = sensor.window[*median];
   const WindowMeasurement& typical = measured[*median];
-  const auto is_too_narrow = [&](double blur_px) {
-    const SpotModel model(diffraction_px, blur_px);
+  const auto is_too_narrow = [&](double d_px, double blur_px) {
+    const SpotModel model(d_px, blur_px);
     return model.moments(view_of(model, window, typical, threshold)).spread_px2 <
            typical.spread_px2;
   };
-  constexpr int kHalvings = 16;
-  double low = 0.0;
-  double high = 0.5 * std::max(window.w, window.h);
-  if (!is_too_narrow(low)) return low;
-  for (int i = 0; i < kHalvings; ++i) {
-    const double middle = 0.5 * (low + high);
-    (is_too_narrow(middle) ? low : high) = middle;
-  }
-  return 0.5 * (low + high);
+  const double most = 0.5 * std::max(window.w, window.h);
+  const auto blur_of = [&](double d_px) {
+    if (!is_too_narrow(d_px, 0.0)) return 0.0;
+    return widest_too_narrow(0.0, most, [&](double blur) { return is_too_narrow(d_px, blur); });
+  };
+  SpotWidth width{.blur_px = blur_of(model_diffraction_px)};
+  const double d_px = diffraction_px(sensor.optics, sensor.grid.pitch_px());
+  if (!(d_px > 0.0)) return width;
+  constexpr double kSigma = 0.42;  // of the Gaussian most like a spot, in units of d
+  constexpr double kNarrowest = 0.05;
+  const double blur = blur_of(d_px);
+  width.over_diffraction = blur > 0.0 ? std::hypot(blur / (kSigma * d_px), 1.0)
+                                      : widest_too_narrow(kNarrowest, 1.0, [&](double part) {
+                                          return is_too_narrow(part * d_px, 0.0);
+                                        });
+  return width;
 }
 
 /// Returns the gain of the kernel on the modelled spot without noise. The spot is moved to four
@@ -109,6 +134,44 @@ WindowGain gain_of_kernel(const Sensor& sensor, CentroidOptions options, const S
           apart(centroids.y_px[2], centroids.y_px[3]) / (2.0 * kShiftPx)};
 }
 
+/// Returns the weights of the pixels −2…3 px from one for the value `part` px behind it (0 to 1),
+/// after Lagrange. They are exact for polynomials up to the fifth degree, so that a picture moves
+/// by what it is told to.
+std::array<double, 6> lagrange_weights(double part) {
+  std::array<double, 6> weights{};
+  for (int i = 0; i < 6; ++i) {
+    double weight = 1.0;
+    for (int k = 0; k < 6; ++k) {
+      if (k != i) weight *= (part - (k - 2)) / (i - k);
+    }
+    weights[static_cast<std::size_t>(i)] = weight;
+  }
+  return weights;
+}
+
+/// Returns the window's pixels [h, w] of the picture moved by (dx, dy) px, of which one is 0.
+/// Beyond the frame its outermost pixels go on.
+Image<float> move_picture(const Image<float>& light, const Window& window, double dx, double dy) {
+  const bool along_x = dx != 0.0;
+  const double from = along_x ? -dx : -dy;
+  const int first = static_cast<int>(std::floor(from));
+  const std::array<double, 6> weights = lagrange_weights(from - first);
+  Image<float> moved(window.h, window.w);
+  for (int r = 0; r < window.h; ++r) {
+    for (int c = 0; c < window.w; ++c) {
+      double sum = 0.0;
+      for (int i = 0; i < 6; ++i) {
+        const int step = first + i - 2;
+        const int row = std::clamp(window.y0 + r + (along_x ? 0 : step), 0, light.rows() - 1);
+        const int col = std::clamp(window.x0 + c + (along_x ? step : 0), 0, light.cols() - 1);
+        sum += weights[static_cast<std::size_t>(i)] * static_cast<double>(light(row, col));
+      }
+      moved(r, c) = static_cast<float>(sum);
+    }
+  }
+  return moved;
+}
+
 }  // namespace
 
 WindowMeasurement measure_window(const Image<float>& light, const Image<std::uint8_t>& bad,
@@ -158,27 +221,68 @@ WindowMeasurement measure_window(const Image<float>& light, const Image<std::uin
   return m;
 }
 
-WindowGains find_window_gains(const Sensor& sensor, const std::vector<WindowMeasurement>& measured,
-                              const SignalThreshold& threshold, const CentroidOptions& options) {
-  const double diffraction_px = 2.0 * std::numbers::pi / sensor.optics.slope_rad_per_px();
-  const double blur_px = fit_blur(sensor, measured, diffraction_px, threshold);
-  const SpotModel model(diffraction_px, blur_px);
+WindowGain gain_of_picture(const Image<float>& light, const Window& window,
+                           const SignalThreshold& threshold, const PictureNoise& noise) {
+  // Over a whole pixel the ripple cancels that pixels and threshold leave on the gain.
+  constexpr double kShiftPx = 0.5;
+  // The picture's own noise lifts pixels over the threshold as it is; what frames have beyond it
+  // is averaged over.
+  const double left = std::max(1.0 - 1.0 / noise.frames, 0.0);
+  const double rest_adu = noise.frame_adu * std::sqrt(left);
+  const auto centre = [&](double dx, double dy) {
+    const Image<float> moved = move_picture(light, window, dx, dy);
+    double peak = 0.0;
+    for (const float value : moved) peak = std::max(peak, static_cast<double>(value));
+    const double minimum = std::max(threshold.min_adu, threshold.relative * peak);
+    double sum = 0.0;
+    std::array<double, 2> at{};
+    for (int r = 0; r < window.h; ++r) {
+      for (int c = 0; c < window.w; ++c) {
+        const double signal = mean_signal(static_cast<double>(moved(r, c)), minimum, rest_adu,
+                                          noise.adu_per_e * left);
+        sum += signal;
+        at[0] += signal * c;
+        at[1] += signal * r;
+      }
+    }
+    if (sum <= 0.0) return std::array<double, 2>{kUnknown, kUnknown};
+    return std::array<double, 2>{at[0] / sum, at[1] / sum};
+  };
+  return {(centre(kShiftPx, 0.0)[0] - centre(-kShiftPx, 0.0)[0]) / (2.0 * kShiftPx),
+          (centre(0.0, kShiftPx)[1] - centre(0.0, -kShiftPx)[1]) / (2.0 * kShiftPx)};
+}
+
+WindowGains find_window_gains(const Sensor& sensor, const Image<float>& light,
+                              const std::vector<WindowMeasurement>& measured,
+                              const SignalThreshold& threshold, const CentroidOptions& options,
+                              const ReferenceFrames& reference) {
+  const double model_px = 2.0 * std::numbers::pi / sensor.optics.slope_rad_per_px();
+  const SpotWidth width = fit_width(sensor, measured, model_px, threshold);
+  const SpotModel model(model_px, width.blur_px);
   const double adu_per_e = 1.0 / sensor.detector.e_per_adu;
   // The last term is the noise of rounding.
-  const double noise_adu =
-      std::hypot(sensor.detector.read_noise_e * adu_per_e, std::sqrt(1.0 / 12.0));
+  const double noise_adu = std::hypot(sensor.detector.read_noise_e * adu_per_e,
+                                      reference.adu_per_count * std::sqrt(1.0 / 12.0));
   // A spot as wide as its window hardly moves in it.
   constexpr double kMinOnModel = 0.1;
+  // These are the second moments, x and y together, of the narrowest spot to be interpolated.
+  constexpr double kWellSampledPx2 = 1.6;
   std::vector<WindowGain> gains(measured.size());
   for (std::size_t k = 0; k < measured.size(); ++k) {
     if (sensor.valid[k] == 0) continue;
     const Window& window = sensor.window[k];
+    const bool gravity = is_centre_of_gravity(options.method);
+    if (gravity && measured[k].gain_is_sure && measured[k].spread_px2 >= kWellSampledPx2) {
+      gains[k] =
+          gain_of_picture(light, window, threshold, {noise_adu, adu_per_e, reference.frames});
+      if (std::isfinite(gains[k].x) && std::isfinite(gains[k].y)) continue;
+    }
     SpotView view = view_of(model, window, measured[k], threshold);
     const WindowGain measured_on_model =
         measure_window(model.picture(view), {}, {0, 0, window.w, window.h}, threshold, 0.0).gain;
     view.noise_adu = noise_adu;
     view.adu_per_e = adu_per_e;
-    if (!is_centre_of_gravity(options.method)) {
+    if (!gravity) {
       gains[k] = gain_of_kernel(sensor, options, model, view);
       continue;
     }
@@ -187,7 +291,7 @@ WindowGains find_window_gains(const Sensor& sensor, const std::vector<WindowMeas
     gains[k].x *= measured[k].gain.x / std::max(measured_on_model.x, kMinOnModel);
     gains[k].y *= measured[k].gain.y / std::max(measured_on_model.y, kMinOnModel);
   }
-  return {std::move(gains), blur_px};
+  return {std::move(gains), width.over_diffraction, width.blur_px};
 }
 
 }  // namespace curlew

@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -11,11 +12,13 @@
 #include "acquisition/recording/fits_source.h"
 #include "acquisition/recording/mean_image.h"
 #include "centroiding/calibration/calibrate.h"
+#include "centroiding/calibration/dark_check.h"
 #include "core/error.h"
 #include "service/commands/commands.h"
 #include "service/config.h"
 #include "service/program/outputs.h"
 #include "service/sensor/capture.h"
+#include "service/sensor/optics_comparison.h"
 #include "service/sensor/reference_spots.h"
 #include "service/sensor/sensor_file.h"
 
@@ -59,6 +62,12 @@ Optics optics_of(const CalibrateOptions& options, Optics optics) {
   apply_option(optics.focal_m, options.focal_mm, 1e-3, "--focal-mm");
   apply_option(optics.pixel_m, options.pixel_um, 1e-6, "--pixel-um");
   apply_option(optics.wavelength_m, options.wavelength_nm, 1e-9, "--wavelength-nm");
+  constexpr double kShortestM = 1e-8;  // X-rays on one side, millimetre waves on the other
+  constexpr double kLongestM = 1e-4;
+  if (options.wavelength_nm &&
+      (optics.wavelength_m < kShortestM || optics.wavelength_m > kLongestM))
+    throw UsageError(fmt::format("--wavelength-nm {:g} is no wavelength of light: give nanometres",
+                                 *options.wavelength_nm));
   apply_option(optics.magnification, options.magnification, 1.0, "--magnification");
   optics.mirrored = optics.mirrored || options.mirror;
   std::string missing;
@@ -93,13 +102,49 @@ MeanImage read_map(const std::string& path, const MeanImage& reference) {
   return map;
 }
 
+/// Prints level and noise of a dark, and refuses one that is lit.
+void check_dark(const std::string& path, const MeanImage& read) {
+  const auto mean = converted<float>(read.mean);
+  const auto variance = read.variance.empty() ? Image<float>{} : converted<float>(read.variance);
+  const DarkFrame dark = measure_dark(mean, variance, static_cast<int>(read.frames));
+  const std::string light = find_light_in_dark(mean, dark);
+  if (!light.empty())
+    throw Failure(fmt::format("{} is not dark: {}; take it with the light off", path, light));
+  fmt::print("{}: a dark of {:.5g} ADU with {:.4g} ADU of noise {}\n", path, dark.level_adu,
+             dark.noise_adu,
+             read.frames > 1 ? fmt::format("over {} frames", read.frames) : "between pixels");
+}
+
+/// Returns the power of 2 of which all values of the first frame are multiples, as where a camera
+/// writes 12 bits into the upper part of 16. It is 1 for 8 bits and for values that are not
+/// integers.
+int common_step(const std::string& path) {
+  FitsSource source({path});
+  if (source.format().pixel_type != PixelType::kU16 || source.format().scale_adu != 1.0) return 1;
+  FrameBuffer frame(source.format());
+  if (source.next(frame) != Delivery::kFrame) return 1;
+  const FrameView view = frame.view();
+  const std::uint16_t* pixels = view.data<std::uint16_t>();
+  const auto n = static_cast<std::size_t>(view.rows) * static_cast<std::size_t>(view.cols);
+  unsigned bits = 0;
+  for (std::size_t i = 0; i < n; ++i) bits |= pixels[i];
+  constexpr int kLeast = 4;  // Even numbers alone may be sums of two pixels.
+  const int step = bits == 0 ? 1 : 1 << std::countr_zero(bits);
+  return step >= kLeast ? step : 1;
+}
+
 CalibrationInput read_input(const CalibrateOptions& options, const FitsSource& source) {
   CalibrationInput input;
   const MeanImage reference = read_mean_image(options.reference);
   input.reference_adu = converted<float>(reference.mean);
   input.reference_frames = static_cast<int>(reference.frames);
+  if (!reference.variance.empty())
+    input.reference_variance_adu2 = converted<float>(reference.variance);
+  input.adu_per_count = source.format().scale_adu;
+  input.value_step = common_step(options.reference);
   if (!options.dark.empty()) {
     const MeanImage dark = read_map(options.dark, reference);
+    check_dark(options.dark, dark);
     input.dark_adu = converted<float>(dark.mean);
     if (!dark.variance.empty()) input.dark_variance_adu2 = converted<float>(dark.variance);
   }
@@ -155,8 +200,28 @@ void calibrate_on_recording(const CalibrateOptions& options) {
   write_sensor(options.out, sensor);
   print_fit(options, sensor);
   if (!source.map_report().empty()) fmt::print("  {}\n", source.map_report());
+  // --mirror only adds to what the header says.
+  const std::string differing = differing_optics(source.optics(), sensor.optics);
+  if (!differing.empty())
+    fmt::print(
+        "  {} was taken with other optics than the command line gives: {}; the command line "
+        "holds\n",
+        options.reference, differing);
   for (const std::string& note : calibration.notes) fmt::print("  {}\n", note);
   if (!report.text.empty()) fmt::print("  {}\n", report.text);
+}
+
+/// Takes darks from the camera, and leaves no file where they are lit.
+void take_dark(const CameraOptions& camera, const CalibrateOptions& options) {
+  const std::string taken = partial_path(options.out + ".dark.fits");
+  capture_frames(camera, options.frames, taken);
+  try {
+    check_dark(options.out, read_mean_image(taken));
+    std::filesystem::rename(taken, options.out);
+  } catch (...) {
+    std::filesystem::remove(taken);
+    throw;
+  }
 }
 
 /// Takes frames from the camera into a recording first, which is kept if the user says so.
@@ -165,7 +230,7 @@ void calibrate_on_camera(CalibrateOptions options) {
   CameraOptions camera = config.camera;
   camera.source = options.camera;
   if (options.take_dark) {
-    capture_frames(camera, options.frames, options.out);
+    take_dark(camera, options);
     fmt::print("{}: a stack of {} darks, for --dark\n", options.out, options.frames);
     return;
   }

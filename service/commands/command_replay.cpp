@@ -21,6 +21,7 @@
 #include "service/results/results_file.h"
 #include "service/results/truth_match.h"
 #include "service/results/vortex_printer.h"
+#include "service/sensor/optics_comparison.h"
 #include "service/sensor/sensor_file.h"
 #include "service/thread_placement.h"
 
@@ -38,8 +39,8 @@ struct ReplayOptions {
   std::int64_t show = 3;
 };
 
-/// Returns sentences on what the sensor file says differently about the detector than the frames
-/// do. They matter because thresholds and significances follow the sensor file.
+/// Returns sentences on what the sensor file says differently about detector and optics than the
+/// frames do. They matter because thresholds and significances follow the sensor file.
 std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& source,
                                         const std::string& recording) {
   constexpr double kMuchNoisier = 1.5;
@@ -50,12 +51,12 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
         fmt::format("{} has {:.4g} e- per ADU, the sensor file {:.4g}: if the sensor "
                     "file is wrong, calibrate again with --e-per-adu",
                     recording, e_per_adu, sensor.detector.e_per_adu));
-  const double wavelength = source.optics().wavelength_m;
-  if (std::abs(wavelength - sensor.optics.wavelength_m) > 1e-3 * wavelength)
+  const std::string differing = differing_optics(source.optics(), sensor.optics);
+  if (!differing.empty())
     notes.push_back(
-        fmt::format("{} was taken at {:.5g} nm, the sensor file says {:.5g}: slopes are "
+        fmt::format("{} was taken with other optics than the sensor file says ({}): slopes are "
                     "those of the sensor file",
-                    recording, wavelength * 1e9, sensor.optics.wavelength_m * 1e9));
+                    recording, differing));
   FitsSource first({recording});
   FrameBuffer frame(first.format());
   if (first.next(frame) != Delivery::kFrame) return notes;
