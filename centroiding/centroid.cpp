@@ -9,6 +9,7 @@
 
 #include "centroiding/centroid_methods.h"
 #include "centroiding/frame_level.h"
+#include "centroiding/sharp_pixels.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "centroiding/centroid.cpp"
@@ -23,16 +24,6 @@
 namespace curlew {
 namespace {
 
-/// These are the sums over one window's pixels: the moments, about the window's centre, of the
-/// signals v and of their variances q. The members are in the order in which sum_window() stores
-/// them.
-struct WindowSums {
-  float v, v_x, v_y, v_xx;
-  float v_xy, v_yy, q_xy, q_yy;
-  float q, q_x, q_y, q_xx;
-  float peak;  ///< brightest good pixel of the window, counts
-};
-
 /// This model estimates the variance of a thresholded signal v = max(I − T, 0) from v itself. Far
 /// above the threshold the variance is (v + T)·k + σ², where k is the counts per electron. Near the
 /// threshold, clipping takes most of it away (for Gaussian noise of variance s² centred on T, .3408
@@ -46,6 +37,19 @@ struct SignalVariance {
   float per_count;  ///< k
   float constant;   ///< c
   float ramp;
+};
+
+/// These are the sums over one window's pixels: the moments, about the window's centre, of the
+/// signals v and of their variances q. The members are in the order in which sum_window() stores
+/// them.
+struct WindowSums {
+  float v, v_x, v_y, v_xx;
+  float v_xy, v_yy, q_xy, q_yy;
+  float q, q_x, q_y, q_xx;
+  float peak;  ///< brightest good pixel of the window, counts
+  // These are what the sums were made with.
+  float raised;  ///< of the threshold above the plan's, counts
+  SignalVariance model;
 };
 
 SignalVariance variance_of_signal(const CentroidPlan& plan, float pixel_variance,
@@ -295,7 +299,55 @@ WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const Centr
   sum_lanes(d, signal.xy, signal.yy, variance.xy, variance.yy, &sums.v_xy);
   sum_lanes(d, variance.sum, variance.x, variance.y, variance.xx, &sums.q);
   sums.peak = hn::GetLane(hn::MaxOfLanes(d, peak));
+  sums.raised = raised;
+  sums.model = model;
   return sums;
+}
+
+/// Puts the light of a sharp pixel's neighbours in place of its own in the sums that sum_window()
+/// made.
+template <typename Pixel>
+void replace_pixel(const CentroidPlan& plan, const Pixel* pixels, const CentroidPlan::Spot& spot,
+                   const SharpPixel& sharp, WindowSums& sums) noexcept {
+  // What is left of less than this part of a pixel is rounding.
+  constexpr float kRounding = 1e-4F;
+  float gain = 1.0F;
+  float offset = plan.uniform_offset;
+  if (!plan.gain.empty()) {
+    const auto i = static_cast<std::size_t>(sharp.y - spot.y0) * static_cast<std::size_t>(spot.w) +
+                   static_cast<std::size_t>(sharp.x - spot.x0);
+    gain = plan.gain[spot.map + i];
+    offset = plan.offset[spot.map + i];
+  }
+  const auto signal = [&](float count) {
+    return std::max(gain * count - (offset + sums.raised), 0.0F);
+  };
+  const auto variance = [&](float v) {
+    return (v * sums.model.per_count + sums.model.constant) * std::min(v * sums.model.ramp, 1.0F) *
+           gain;
+  };
+  const auto count =
+      static_cast<float>(pixels[static_cast<std::ptrdiff_t>(sharp.y) * plan.frame_cols + sharp.x]);
+  const float before = signal(count);
+  const float instead = signal(count_instead(pixels, plan.frame_cols, sharp));
+  const float v = before - instead;
+  const float q = variance(before) - variance(instead);
+  const float x = static_cast<float>(sharp.x - spot.x0) - 0.5F * static_cast<float>(spot.w - 1);
+  const float y = static_cast<float>(sharp.y - spot.y0) - 0.5F * static_cast<float>(spot.h - 1);
+  sums.v -= v;
+  sums.v_x -= v * x;
+  sums.v_y -= v * y;
+  sums.v_xx -= v * x * x;
+  sums.v_xy -= v * x * y;
+  sums.v_yy -= v * y * y;
+  sums.q -= q;
+  sums.q_x -= q * x;
+  sums.q_y -= q * y;
+  sums.q_xx -= q * x * x;
+  sums.q_xy -= q * x * y;
+  sums.q_yy -= q * y * y;
+  if (count >= sums.peak) sums.peak = 0.0F;  // The brightest pixel but this one is not known.
+  if (sums.v <= kRounding * v || sums.q <= kRounding * q) sums = {};
 }
 
 void clear(Centroids& out, std::size_t k, LensletState state, float flux_adu) noexcept {
@@ -347,7 +399,7 @@ void finish(const CentroidPlan& plan, const CentroidPlan::Spot& spot, const Wind
 
 template <typename Pixel, bool kMaps>
 void measure_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
-                  const PixelModel& model, Centroids& out) {
+                  const PixelModel& model, const SharpPixels* sharp, Centroids& out) {
   const auto* pixels = frame.data<Pixel>();
   const auto cols = static_cast<std::size_t>(plan.spots.cols());
   for (std::size_t k = static_cast<std::size_t>(first) * cols;
@@ -368,20 +420,24 @@ void measure_rows(const CentroidPlan& plan, FrameView frame, int first, int last
     } else {
       sums = sum_window<hn::CappedTag<float, 4>, Pixel, kMaps>(plan, pixels, spot, model, raised);
     }
+    if (sharp != nullptr)
+      for (std::int32_t i = sharp->first[k]; i >= 0;
+           i = sharp->pixels[static_cast<std::size_t>(i)].next)
+        replace_pixel(plan, pixels, spot, sharp->pixels[static_cast<std::size_t>(i)], sums);
     finish(plan, spot, sums, k, out);
   }
 }
 
 void measure(const CentroidPlan& plan, FrameView frame, int first, int last,
-             const FrameLevels* levels, Centroids& out) {
+             const FrameLevels* levels, const SharpPixels* sharp, Centroids& out) {
   const bool maps = !plan.gain.empty();
   const PixelModel model(plan, levels);
   if (frame.pixel_type == PixelType::kU16) {
-    maps ? measure_rows<std::uint16_t, true>(plan, frame, first, last, model, out)
-         : measure_rows<std::uint16_t, false>(plan, frame, first, last, model, out);
+    maps ? measure_rows<std::uint16_t, true>(plan, frame, first, last, model, sharp, out)
+         : measure_rows<std::uint16_t, false>(plan, frame, first, last, model, sharp, out);
   } else {
-    maps ? measure_rows<std::uint8_t, true>(plan, frame, first, last, model, out)
-         : measure_rows<std::uint8_t, false>(plan, frame, first, last, model, out);
+    maps ? measure_rows<std::uint8_t, true>(plan, frame, first, last, model, sharp, out)
+         : measure_rows<std::uint8_t, false>(plan, frame, first, last, model, sharp, out);
   }
 }
 
@@ -395,19 +451,20 @@ namespace curlew {
 HWY_EXPORT(measure);
 
 void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
-                         Centroids& centroids, const FrameLevels* levels) noexcept {
+                         Centroids& centroids, const FrameLevels* levels,
+                         const SharpPixels* sharp) noexcept {
   check_size("find_centroids", "a frame", {frame.rows, frame.cols},
              {plan.frame_rows, plan.frame_cols});
   check_size("find_centroids", "centroids", size_of(centroids.state), size_of(plan.spots));
   if (first == 0) centroids.n_valid = centroids.n_saturated = 0;
-  HWY_DYNAMIC_DISPATCH(measure)(plan, frame, first, last, levels, centroids);
+  HWY_DYNAMIC_DISPATCH(measure)(plan, frame, first, last, levels, sharp, centroids);
   if (!is_centre_of_gravity(plan.method))
-    find_positions(plan, frame, first, last, centroids, levels);
+    find_positions(plan, frame, first, last, centroids, levels, sharp);
 }
 
 void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
-                    const FrameLevels* levels) noexcept {
-  find_centroids_rows(plan, frame, 0, plan.spots.rows(), centroids, levels);
+                    const FrameLevels* levels, const SharpPixels* sharp) noexcept {
+  find_centroids_rows(plan, frame, 0, plan.spots.rows(), centroids, levels, sharp);
 }
 
 }  // namespace curlew

@@ -14,6 +14,7 @@
 namespace curlew {
 
 struct FrameLevels;  // frame_level.h
+struct SharpPixels;  // sharp_pixels.h
 
 /// These options say what counts as light and which lenslets count. The threshold T is the largest
 /// of the three thresholds. A pixel's signal is what exceeds it, max(I − T, 0), so that the signal
@@ -129,14 +130,17 @@ struct CentroidPlan {
 /// The same pixels and the same plan always give the same bits.
 ///
 /// `levels` holds the frame's level and noise, and T follows them; without it they are those of the
-/// calibration.
+/// calibration. The pixels of `sharp` do not enter the
+/// sums, but what count_instead() says of them does.
 void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
-                    const FrameLevels* levels = nullptr) noexcept;
+                    const FrameLevels* levels = nullptr,
+                    const SharpPixels* sharp = nullptr) noexcept;
 
 /// Measures lenslet rows [first, last) only, for frames that are still arriving. It reads the
 /// frame's first plan.frame_rows_needed(last − 1) rows and no more. The rows must be measured in
 /// ascending order, because n_valid and n_saturated start again at row 0.
 void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
-                         Centroids& centroids, const FrameLevels* levels = nullptr) noexcept;
+                         Centroids& centroids, const FrameLevels* levels = nullptr,
+                         const SharpPixels* sharp = nullptr) noexcept;
 
 }  // namespace curlew

@@ -21,7 +21,7 @@ namespace curlew::HWY_NAMESPACE {
 namespace {
 
 void find(const CentroidPlan& plan, FrameView frame, int first, int last, const FrameLevels* levels,
-          Centroids& out) {
+          const SharpPixels* sharp, Centroids& out) {
   alignas(64) WindowBuffer light;  // It is not cleared, for only what is loaded is read.
   alignas(64) GroupPositions found;
   const std::size_t lanes = lane_count();
@@ -29,7 +29,7 @@ void find(const CentroidPlan& plan, FrameView frame, int first, int last, const 
   const float pixel_variance = levels != nullptr ? levels->pixel_variance : plan.pixel_variance;
   const auto measure = [&] {
     describe_windows(plan, out, lanes, group);
-    load_windows(plan, frame, group, lanes, levels, light.data());
+    load_windows(plan, frame, group, lanes, levels, sharp, light.data());
     const Windows windows{group,   light.data(),           group.w,
                           group.h, set(plan.counts_per_e), set(pixel_variance)};
     switch (plan.method) {
@@ -69,8 +69,9 @@ namespace curlew {
 HWY_EXPORT(find);
 
 void find_positions(const CentroidPlan& plan, FrameView frame, int first, int last,
-                    Centroids& centroids, const FrameLevels* levels) noexcept {
-  HWY_DYNAMIC_DISPATCH(find)(plan, frame, first, last, levels, centroids);
+                    Centroids& centroids, const FrameLevels* levels,
+                    const SharpPixels* sharp) noexcept {
+  HWY_DYNAMIC_DISPATCH(find)(plan, frame, first, last, levels, sharp, centroids);
 }
 
 }  // namespace curlew

@@ -41,6 +41,7 @@ inline constexpr int kMaxBrightestPixels = 64;
 /// found it faint, the moments are the Gaussian's. Where no pixel exceeds T, the flux is that of a
 /// Gaussian spot with the method's signal.
 void find_positions(const CentroidPlan& plan, FrameView frame, int first, int last,
-                    Centroids& centroids, const FrameLevels* levels) noexcept;
+                    Centroids& centroids, const FrameLevels* levels,
+                    const SharpPixels* sharp) noexcept;
 
 }  // namespace curlew

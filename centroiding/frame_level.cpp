@@ -49,6 +49,11 @@ LevelPlan::Pixel calibrated_pixel(const Sensor& sensor, const FrameFormat& forma
           .offset = static_cast<float>((dark - format.zero_adu) / format.scale_adu / response)};
 }
 
+float read_noise_counts(const Sensor& sensor, const FrameFormat& format) {
+  const double noise_adu = sensor.detector.read_noise_e / sensor.detector.e_per_adu;
+  return std::isfinite(noise_adu) ? static_cast<float>(noise_adu / format.scale_adu) : 0.0F;
+}
+
 float median_of_three(float a, float b, float c) noexcept {
   return std::max(std::min(a, b), std::min(std::max(a, b), c));
 }
@@ -168,6 +173,7 @@ LevelPlan::LevelPlan(const Sensor& sensor, const FrameFormat& format,
       plain_(options.method == CentroidMethod::kPlain),
       gain_known_(sensor.detector.e_per_adu > 0.0),
       fixed_threshold_(static_cast<float>(options.threshold_adu / format.scale_adu)),
+      read_noise_(read_noise_counts(sensor, format)),
       threshold_noise_(static_cast<float>(options.threshold_noise)) {
   const LensletGrid& grid = sensor.grid;
   const int side = std::max(1, static_cast<int>(std::lround(grid.pitch_px() / 5.0)));

@@ -39,9 +39,12 @@ class LevelPlan {
   const std::vector<Pixel>& pixels() const { return pixels_; }
   int block_pixels() const { return block_pixels_; }
 
-  /// T for frames of this noise, in counts; see CentroidOptions.
+  /// T for frames of this noise, in counts; see CentroidOptions. It is never lower than the read
+  /// noise of the sensor file asks for, so that a reference that is less noisy than the frames can
+  /// be measured at their T.
   float threshold(float noise) const {
-    return plain_ ? 0.0F : std::max(fixed_threshold_, threshold_noise_ * noise);
+    return plain_ ? 0.0F
+                  : std::max(fixed_threshold_, threshold_noise_ * std::max(noise, read_noise_));
   }
   /// The variance of a pixel's noise in counts²; 0 where the detector's gain is not known.
   float pixel_variance(float noise) const {
@@ -58,6 +61,7 @@ class LevelPlan {
   bool plain_;
   bool gain_known_;
   float fixed_threshold_;  ///< counts
+  float read_noise_;       ///< of the sensor file, counts; 0 where it is not known
   float threshold_noise_;
 };
 

@@ -46,6 +46,9 @@ struct Sensor {
   double spot_blur_px = std::numeric_limits<double>::quiet_NaN();  ///< σ; NaN where it is not known
   /// σ of the reference spots above the threshold, px; NaN where it is not known.
   double spot_sigma_px = std::numeric_limits<double>::quiet_NaN();
+  /// A reference spot's brightest pixel over the second brightest of its four neighbours; the 90th
+  /// percentile of the spots. NaN where it is not known.
+  double spot_sharpness = std::numeric_limits<double>::quiet_NaN();
   Image<float> flux_adu;  ///< flux of the reference spots above the threshold; NaN where not valid
 
   // These maps are [frame_rows, frame_cols], and empty where they were not given.

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "centroiding/frame_level.h"
+#include "centroiding/sharp_pixels.h"
 
 namespace curlew {
 namespace {
@@ -18,7 +19,8 @@ void clear_spot(Centroids& out, std::size_t k, LensletState state) noexcept {
 
 template <typename Pixel, bool kMaps>
 void load(const CentroidPlan& plan, const Pixel* pixels, const WindowGroup& group,
-          std::size_t lanes, const FrameLevels* levels, float* light) noexcept {
+          std::size_t lanes, const FrameLevels* levels, const SharpPixels* sharp,
+          float* light) noexcept {
   const float bad = plan.method == CentroidMethod::kMaximumLikelihood ? kBad : kNothing;
   for (std::size_t lane = 0; lane < lanes; ++lane) {
     const std::size_t k = group.lenslet[lane];
@@ -47,6 +49,21 @@ void load(const CentroidPlan& plan, const Pixel* pixels, const WindowGroup& grou
         }
       }
       for (; x < group.w; ++x) to[x * lanes] = bad;
+    }
+    if (sharp == nullptr) continue;
+    for (std::int32_t i = sharp->first[k]; i >= 0;
+         i = sharp->pixels[static_cast<std::size_t>(i)].next) {
+      const SharpPixel& pixel = sharp->pixels[static_cast<std::size_t>(i)];
+      const auto y = static_cast<std::size_t>(pixel.y - spot.y0);
+      const auto x = static_cast<std::size_t>(pixel.x - spot.x0);
+      const float count = count_instead(pixels, plan.frame_cols, pixel);
+      float& to = light[(y * group.w + x) * lanes + lane];
+      if constexpr (kMaps) {
+        const std::size_t at = spot.map + y * w + x;
+        to = plan.gain[at] * count - (plan.offset[at] + level);
+      } else {
+        to = count - offset;
+      }
     }
   }
 }
@@ -77,16 +94,17 @@ void describe_windows(const CentroidPlan& plan, const Centroids& found, std::siz
 }
 
 void load_windows(const CentroidPlan& plan, FrameView frame, const WindowGroup& group,
-                  std::size_t lanes, const FrameLevels* levels, float* light) noexcept {
+                  std::size_t lanes, const FrameLevels* levels, const SharpPixels* sharp,
+                  float* light) noexcept {
   const bool maps = !plan.gain.empty();
   if (frame.pixel_type == PixelType::kU16) {
     const auto* pixels = frame.data<std::uint16_t>();
-    maps ? load<std::uint16_t, true>(plan, pixels, group, lanes, levels, light)
-         : load<std::uint16_t, false>(plan, pixels, group, lanes, levels, light);
+    maps ? load<std::uint16_t, true>(plan, pixels, group, lanes, levels, sharp, light)
+         : load<std::uint16_t, false>(plan, pixels, group, lanes, levels, sharp, light);
   } else {
     const auto* pixels = frame.data<std::uint8_t>();
-    maps ? load<std::uint8_t, true>(plan, pixels, group, lanes, levels, light)
-         : load<std::uint8_t, false>(plan, pixels, group, lanes, levels, light);
+    maps ? load<std::uint8_t, true>(plan, pixels, group, lanes, levels, sharp, light)
+         : load<std::uint8_t, false>(plan, pixels, group, lanes, levels, sharp, light);
   }
 }
 

@@ -50,9 +50,11 @@ void describe_windows(const CentroidPlan& plan, const Centroids& found, std::siz
                       WindowGroup& group) noexcept;
 
 /// Loads the pixels of the group's windows. `light` is [h, w, lanes], in counts above the frame's
-/// level, or above the dark where `levels` is null.
+/// level, or above the dark where `levels` is null. Pixels of `sharp` hold what count_instead()
+/// says.
 void load_windows(const CentroidPlan& plan, FrameView frame, const WindowGroup& group,
-                  std::size_t lanes, const FrameLevels* levels, float* light) noexcept;
+                  std::size_t lanes, const FrameLevels* levels, const SharpPixels* sharp,
+                  float* light) noexcept;
 
 /// Replaces the position that the threshold's kernel found for lenslet k by the one in `lane` of
 /// `found`.

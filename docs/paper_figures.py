@@ -103,8 +103,11 @@ class Sensor:
         fits.PrimaryHDU(np.full((side, side), self.BIAS, np.float32)).writeto(
             curlew.path(f"dark{lenslets}.fits"))
         self.simulate("plane", [], f"plane{lenslets}.fits")
+        # Without noise the faintest light between the spots would be taken for the frame's level.
+        with open(curlew.path("known_level.toml"), "w") as config:
+            config.write("[centroid]\nfollow_level = false\n")
         curlew.run("calibrate", f"plane{lenslets}.fits", "--dark", f"dark{lenslets}.fits",
-                   "--read-noise-e", 0.01, "--out", f"sensor{lenslets}.fits")
+                   "--read-noise-e", 0.01, "--config", "known_level.toml", "--out", f"sensor{lenslets}.fits")
 
     def simulate(self, preset, options, out):
         self.curlew.run("simulate", "--preset", preset, *self.shape, *options, "--out", out)
@@ -113,7 +116,7 @@ class Sensor:
         """D [frames, rows − 1, cols − 1] of a recording."""
         out = "results_" + recording
         self.curlew.run("replay", recording, "--sensor", f"sensor{self.lenslets}.fits",
-                        "--save", "circulation", "--out", out)
+                        "--config", "known_level.toml", "--save", "circulation", "--out", out)
         with fits.open(self.curlew.path(out)) as file:
             return np.asarray(file["CIRCULATION"].data, float)
 

@@ -8,7 +8,10 @@ namespace {
 void centroid(const Plan& plan, FrameSlot& slot) noexcept {
   const FrameView frame = slot.frame->view();
   if (plan.level && slot.levels) measure_levels(*plan.level, frame, *slot.levels);
-  find_centroids(plan.centroid, frame, slot.centroids, slot.levels ? &*slot.levels : nullptr);
+  if (plan.sharp && slot.levels && slot.sharp)
+    find_sharp_pixels(*plan.sharp, plan.centroid, frame, *slot.levels, *slot.sharp);
+  find_centroids(plan.centroid, frame, slot.centroids, slot.levels ? &*slot.levels : nullptr,
+                 slot.sharp ? &*slot.sharp : nullptr);
   if (slot.centroids.n_saturated > 0) slot.frame->header.status |= kFrameSaturated;
 }
 
@@ -67,7 +70,10 @@ Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config
       slopes(sensor),
       detect(sensor, format, config),
       split(sensor.valid, config.split) {
-  if (config.centroid.follow_level) level.emplace(sensor, format, config.centroid);
+  if (config.centroid.follow_level) {
+    level.emplace(sensor, format, config.centroid);
+    sharp.emplace(sensor, format);
+  }
   // The tables for choosing vortices grow with the square of the number of candidates. Candidates
   // beyond this number are not judged; the most probable ones come first.
   constexpr std::size_t kMaxJudged = 1024;
@@ -95,6 +101,7 @@ FrameSlot::FrameSlot(const Plan& plan_of_slot, VortexTracker* frames_tracker)
       split_workspace(plan->split),
       split(plan->grid.rows, plan->grid.cols) {
   if (plan->level) levels.emplace(*plan->level);
+  if (plan->sharp) sharp.emplace(plan->grid.rows, plan->grid.cols);
   if (!plan->hidden_phase) return;
   hidden_phase_workspace.emplace(*plan->hidden_phase);
   whole_phase = Image<float>(plan->grid.rows, plan->grid.cols);

@@ -9,6 +9,7 @@
 #include "centroiding/centroid.h"
 #include "centroiding/frame_level.h"
 #include "centroiding/sensor.h"
+#include "centroiding/sharp_pixels.h"
 #include "centroiding/slopes.h"
 #include "core/frame.h"
 #include "core/hodge_split.h"
@@ -32,7 +33,9 @@ struct Plan {
   LensletGrid grid;
   std::optional<TrackerOptions> tracker;  ///< none: every frame is judged alone
   CentroidPlan centroid;
-  std::optional<LevelPlan> level;  ///< none: the level stays the calibration's
+  // None: the level stays the calibration's, and no pixel is looked at for being sharp.
+  std::optional<LevelPlan> level;
+  std::optional<SharpPixelPlan> sharp;
   SlopePlan slopes;
   VortexDetectionPlan detect;
   SplitPlan split;
@@ -59,6 +62,7 @@ struct FrameSlot {
   std::int64_t frame_index = 0;  ///< counts from 0 over all frames that the feed gives
   FrameBuffer* frame = nullptr;
   std::optional<FrameLevels> levels;
+  std::optional<SharpPixels> sharp;
   Centroids centroids;
   SlopeField slopes;
   SlopeField weak_slopes;  ///< includes the slopes of weak spots, which the split does not use

@@ -311,6 +311,29 @@ void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
   }
 }
 
+/// Returns Sensor::spot_sharpness; `light` is the reference above its background.
+double measure_sharpness(const Sensor& sensor, const Image<float>& light) {
+  std::vector<float> ratios;
+  for (std::size_t k = 0; k < sensor.valid.size(); ++k) {
+    if (sensor.valid[k] == 0) continue;
+    const Window& window = sensor.window[k];
+    int peak_x = 0;
+    int peak_y = 0;
+    float peak = 0.0F;
+    for (int y = std::max(window.y0, 1); y < std::min(window.y0 + window.h, light.rows() - 1); ++y)
+      for (int x = std::max(window.x0, 1); x < std::min(window.x0 + window.w, light.cols() - 1);
+           ++x)
+        if (light(y, x) > peak) peak = light(peak_y = y, peak_x = x);
+    if (!(peak > 0.0F)) continue;
+    std::array<float, 4> neighbours{light(peak_y, peak_x - 1), light(peak_y, peak_x + 1),
+                                    light(peak_y - 1, peak_x), light(peak_y + 1, peak_x)};
+    std::sort(neighbours.begin(), neighbours.end());
+    if (neighbours[2] > 0.0F) ratios.push_back(peak / neighbours[2]);
+  }
+  if (ratios.empty()) return std::numeric_limits<double>::quiet_NaN();
+  return static_cast<double>(quantile(std::move(ratios), 0.9));
+}
+
 /// Sets windows, first references, flux and gain of every lit lenslet. Returns how wide the typical
 /// spot is over what diffraction makes it.
 double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>& light,
@@ -362,6 +385,7 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
     notes.push_back(say(n_dropped, " spots at the rim were left out: less than half of the window ",
                         "is on the detector, or nothing in it exceeds the threshold"));
   }
+  sensor.spot_sharpness = measure_sharpness(sensor, light);
   const WindowGains gains = find_window_gains(sensor, light, measured, threshold, options,
                                               {input.reference_frames, input.adu_per_count});
   sensor.spot_blur_px = gains.spot_blur_px;

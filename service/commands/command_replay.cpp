@@ -69,8 +69,9 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
                 first.format().scale_adu * first.format().scale_adu / 12.0);
   if (seen.noise_adu > kMuchNoisier * known)
     notes.push_back(fmt::format(
-        "{} has {:.4g} ADU of noise between the spots, the sensor file knows of {:.4g}: false "
-        "alarms will be many, calibrate again with --read-noise-e {:.3g}",
+        "{} has {:.4g} ADU of noise between the spots, the sensor file knows of {:.4g}: thresholds "
+        "follow the frames, but the reference spots were measured at a lower one and may lie "
+        "elsewhere; calibrate again with --read-noise-e {:.3g}",
         recording, seen.noise_adu, known, seen.noise_adu * sensor.detector.e_per_adu));
   return notes;
 }

@@ -53,7 +53,7 @@ TEST_P(Level, IsThatOfTheFrameAndSoIsTheNoise) {
   EXPECT_NEAR(sum / static_cast<double>(levels.level.size()), 35.0, 1.0);
   // 99 pixels are the fewest here: their rms scatters by 7 %.
   EXPECT_NEAR(levels.noise, 7.0F, 0.9F);
-  EXPECT_FLOAT_EQ(levels.threshold, 4.0F * levels.noise);
+  EXPECT_FLOAT_EQ(levels.threshold, 4.0F * levels.noise) << "above the read noise of 3";
   EXPECT_FLOAT_EQ(levels.pixel_variance, levels.noise * levels.noise);
 }
 

@@ -1,0 +1,210 @@
+#include "centroiding/sharp_pixels.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <iterator>
+#include <vector>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "centroiding/sharp_pixels.cpp"
+#include "hwy/foreach_target.h"
+// Highway needs foreach_target.h before the headers below.
+
+#include "core/as_size.h"
+#include "core/size_check.h"
+#include "hwy/highway.h"
+
+#ifndef CURLEW_SHARP_PIXELS_ONCE
+#define CURLEW_SHARP_PIXELS_ONCE
+namespace curlew {
+namespace {
+
+constexpr float kSigmas = 4.5F;
+
+/// What a row of pixels is held against first. It lets through all that is sharp and little else.
+struct RoughTest {
+  float sharpness;
+  float margin;  ///< counts
+};
+
+float second_brightest(float left, float right, float above, float below) noexcept {
+  const float high = std::max(left, right), low = std::min(left, right);
+  const float high2 = std::max(above, below), low2 = std::min(above, below);
+  return std::max(std::min(high, high2), std::max(low, low2));
+}
+
+/// The rough test of one pixel, which is not at the frame's rim.
+template <typename Pixel>
+bool is_rough(const Pixel* p, std::ptrdiff_t cols, RoughTest test) noexcept {
+  const auto count = [](Pixel pixel) { return static_cast<float>(pixel); };
+  return count(*p) > test.sharpness * second_brightest(count(p[-1]), count(p[1]), count(p[-cols]),
+                                                       count(p[cols])) +
+                         test.margin;
+}
+
+}  // namespace
+}  // namespace curlew
+#endif  // CURLEW_SHARP_PIXELS_ONCE
+
+HWY_BEFORE_NAMESPACE();
+namespace curlew::HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using D = hn::CappedTag<float, 16>;
+using V = hn::Vec<D>;
+
+template <typename Pixel>
+V load(const Pixel* p) {
+  const D d;
+  const hn::Rebind<Pixel, D> narrow;
+  const hn::Rebind<std::int32_t, D> wide;
+  return hn::ConvertTo(d, hn::PromoteTo(wide, hn::LoadU(narrow, p)));
+}
+
+/// Lists the pixels of the frame that pass the rough test. Those of its rim have too few
+/// neighbours.
+template <typename Pixel>
+void look_over(FrameView frame, RoughTest test, FixedList<SharpPixel>& candidates) {
+  const D d;
+  const auto cols = static_cast<std::ptrdiff_t>(frame.cols);
+  const auto lanes = static_cast<std::ptrdiff_t>(hn::Lanes(d));
+  const V sharpness = hn::Set(d, test.sharpness);
+  const V margin = hn::Set(d, test.margin);
+  for (int y = 1; y + 1 < frame.rows; ++y) {
+    const Pixel* row = frame.data<Pixel>() + y * cols;
+    for (std::ptrdiff_t first = 1; first < cols - 1; first += lanes) {
+      // The last vector of a row is shifted back on to it.
+      const std::ptrdiff_t x = std::max<std::ptrdiff_t>(1, std::min(first, cols - 1 - lanes));
+      if (x + lanes > cols - 1) return;  // The frame is narrower than a vector.
+      const Pixel* p = row + x;
+      const V left = load(p - 1), right = load(p + 1), above = load(p - cols),
+              below = load(p + cols);
+      const V second = hn::Max(hn::Min(hn::Max(left, right), hn::Max(above, below)),
+                               hn::Max(hn::Min(left, right), hn::Min(above, below)));
+      const auto passed = hn::Gt(load(p), hn::MulAdd(sharpness, second, margin));
+      if (hn::AllFalse(d, passed)) continue;
+      for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, first - x); i < lanes; ++i)
+        if (is_rough(p + i, cols, test)) candidates.push({static_cast<std::int32_t>(x + i), y, -1});
+    }
+  }
+}
+
+void look(FrameView frame, RoughTest test, FixedList<SharpPixel>& candidates) {
+  if (frame.pixel_type == PixelType::kU16)
+    look_over<std::uint16_t>(frame, test, candidates);
+  else
+    look_over<std::uint8_t>(frame, test, candidates);
+}
+
+}  // namespace
+}  // namespace curlew::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace curlew {
+
+HWY_EXPORT(look);
+
+namespace {
+
+float count_at(FrameView frame, int x, int y) noexcept {
+  const std::size_t i = as_size(y) * as_size(frame.cols) + as_size(x);
+  return frame.pixel_type == PixelType::kU16 ? static_cast<float>(frame.data<std::uint16_t>()[i])
+                                             : static_cast<float>(frame.data<std::uint8_t>()[i]);
+}
+
+/// Returns the pixel's light above the lenslet's level, in counts; 0 for a bad pixel. A neighbour
+/// beyond the window has the dark of the window's nearest pixel.
+float light_at(const CentroidPlan& plan, const CentroidPlan::Spot& spot, FrameView frame,
+               float level, int x, int y) noexcept {
+  const float count = count_at(frame, x, y);
+  if (plan.gain.empty()) return count - (plan.uniform_offset - plan.threshold + level);
+  const int row = std::clamp(y - spot.y0, 0, spot.h - 1);
+  const int col = std::clamp(x - spot.x0, 0, spot.w - 1);
+  const std::size_t i = spot.map + as_size(row) * as_size(spot.w) + as_size(col);
+  if (!(plan.gain[i] > 0.0F)) return 0.0F;
+  return plan.gain[i] * count - (plan.offset[i] - plan.threshold + level);
+}
+
+bool is_sharp(const SharpPixelPlan& plan, const CentroidPlan& centroid, FrameView frame,
+              const FrameLevels& levels, std::size_t k, int x, int y) noexcept {
+  const CentroidPlan::Spot& spot = centroid.spots[k];
+  const auto light = [&](int at_x, int at_y) {
+    return light_at(centroid, spot, frame, levels.level[k], at_x, at_y);
+  };
+  const float here = light(x, y);
+  const float second =
+      second_brightest(light(x - 1, y), light(x + 1, y), light(x, y - 1), light(x, y + 1));
+  const float variance = levels.pixel_variance + std::max(here, 0.0F) * centroid.counts_per_e;
+  return here > plan.sharpness * std::max(second, 0.0F) + kSigmas * std::sqrt(variance);
+}
+
+bool contains(const CentroidPlan::Spot& spot, int x, int y) noexcept {
+  return x >= spot.x0 && x < spot.x0 + spot.w && y >= spot.y0 && y < spot.y0 + spot.h;
+}
+
+}  // namespace
+
+SharpPixelPlan::SharpPixelPlan(const Sensor& sensor, const FrameFormat& format)
+    : grid(sensor.grid) {
+  constexpr double kMargin = 1.4;
+  constexpr double kUndersampled = 4.0;  // Sharper spots are as sharp as a cosmic ray.
+  const double allowed = kMargin * sensor.spot_sharpness;
+  sharpness = allowed > 1.0 && allowed <= kUndersampled ? static_cast<float>(allowed) : 0.0F;
+  float high_adu = static_cast<float>(sensor.background_adu);
+  if (!sensor.dark_adu.empty()) {
+    std::vector<float> darks;
+    std::copy_if(sensor.dark_adu.begin(), sensor.dark_adu.end(), std::back_inserter(darks),
+                 [](float value) { return std::isfinite(value); });
+    const std::size_t place = darks.size() - darks.size() / 100 - 1;  // 1 % are hot pixels
+    if (!darks.empty()) {
+      std::nth_element(darks.begin(), darks.begin() + static_cast<std::ptrdiff_t>(place),
+                       darks.end());
+      high_adu = darks[place];
+    }
+  }
+  dark = (high_adu - static_cast<float>(format.zero_adu)) / static_cast<float>(format.scale_adu);
+}
+
+SharpPixels::SharpPixels(int rows, int cols)
+    : pixels(4 * as_size(rows) * as_size(cols) + 64),
+      candidates(pixels.capacity()),
+      first(rows, cols, -1) {}
+
+void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid, FrameView frame,
+                       const FrameLevels& levels, SharpPixels& sharp) noexcept {
+  check_size("find_sharp_pixels", "a frame", {frame.rows, frame.cols},
+             {centroid.frame_rows, centroid.frame_cols});
+  check_size("find_sharp_pixels", "lenslets", size_of(sharp.first), size_of(centroid.spots));
+  sharp.pixels.clear();
+  sharp.candidates.clear();
+  sharp.first.fill(-1);
+  if (plan.sharpness == 0.0F) return;
+  // Above a dark level L, light > q·second + m is count > q·second + m − (q − 1)·L. The highest L
+  // makes the rough test let through all of these.
+  const float highest = *std::max_element(levels.level.begin(), levels.level.end());
+  const float margin =
+      kSigmas * std::sqrt(levels.pixel_variance) - (plan.sharpness - 1.0F) * (plan.dark + highest);
+  HWY_DYNAMIC_DISPATCH(look)(frame, {plan.sharpness, margin}, sharp.candidates);
+  for (const SharpPixel& candidate : sharp.candidates) {
+    const auto [col, row] = plan.grid.lenslet_from_pixel(candidate.x, candidate.y);
+    const int r0 = static_cast<int>(std::lround(row)), c0 = static_cast<int>(std::lround(col));
+    for (int r = std::max(r0 - 1, 0); r <= std::min(r0 + 1, sharp.first.rows() - 1); ++r) {
+      for (int c = std::max(c0 - 1, 0); c <= std::min(c0 + 1, sharp.first.cols() - 1); ++c) {
+        const std::size_t k = as_size(r) * as_size(sharp.first.cols()) + as_size(c);
+        const CentroidPlan::Spot& spot = centroid.spots[k];
+        if (spot.state == LensletState::kUnlit || !contains(spot, candidate.x, candidate.y) ||
+            !is_sharp(plan, centroid, frame, levels, k, candidate.x, candidate.y))
+          continue;
+        const auto index = static_cast<std::int32_t>(sharp.pixels.size());
+        if (sharp.pixels.push({candidate.x, candidate.y, sharp.first[k]})) sharp.first[k] = index;
+      }
+    }
+  }
+}
+
+}  // namespace curlew
+#endif  // HWY_ONCE

@@ -1,0 +1,63 @@
+// Pixels that are too sharp to be light through the optics: cosmic rays and hot pixels.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+
+#include "centroiding/centroid.h"
+#include "centroiding/frame_level.h"
+#include "centroiding/sensor.h"
+#include "core/fixed_list.h"
+#include "core/frame.h"
+#include "core/image.h"
+
+namespace curlew {
+
+/// Const after construction, shared by threads.
+struct SharpPixelPlan {
+  SharpPixelPlan(const Sensor& sensor, const FrameFormat& format);
+
+  LensletGrid grid;
+  /// A pixel may be this many times as bright as the second brightest of its four neighbours, above
+  /// the level; 1.4 times what the reference spots show. 0: nothing is looked for, because the
+  /// spots are so sharp themselves, or nothing is known of them.
+  float sharpness = 0;
+  float dark = 0;  ///< the dark that 99 % of the pixels stay below, counts
+};
+
+/// One lenslet's sharp pixel.
+struct SharpPixel {
+  std::int32_t x = 0;  ///< in the frame
+  std::int32_t y = 0;
+  std::int32_t next = -1;  ///< the lenslet's next one in the list, or −1
+};
+
+/// Of one frame; made once and filled anew.
+struct SharpPixels {
+  SharpPixels(int rows, int cols);
+
+  FixedList<SharpPixel> pixels;
+  FixedList<SharpPixel> candidates;  ///< a buffer of find_sharp_pixels()
+  Image<std::int32_t> first;         ///< [rows, cols] the lenslet's first in `pixels`, or −1
+};
+
+/// Returns the count that stands in for a sharp pixel's own: the mean of the middle two of its four
+/// neighbours. `pixels` is the frame, `cols` wide, and (x, y) is not at its rim.
+template <typename Pixel>
+float count_instead(const Pixel* pixels, int cols, const SharpPixel& sharp) noexcept {
+  const Pixel* p = pixels + static_cast<std::ptrdiff_t>(sharp.y) * cols + sharp.x;
+  const auto a = static_cast<float>(p[-1]), b = static_cast<float>(p[1]);
+  const auto c = static_cast<float>(p[-cols]), e = static_cast<float>(p[cols]);
+  const float low = std::min(std::min(a, b), std::min(c, e));
+  const float high = std::max(std::max(a, b), std::max(c, e));
+  return 0.5F * ((a + b) + (c + e) - low - high);
+}
+
+/// Finds the sharp pixels of one frame's windows. A pixel is sharp where its light exceeds
+/// sharpness × the second brightest of its four neighbours + 4.5 √(σ² + k·light), all above the
+/// frame's level. Never allocates; what does not fit into the list stays, and is counted there.
+void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid, FrameView frame,
+                       const FrameLevels& levels, SharpPixels& sharp) noexcept;
+
+}  // namespace curlew

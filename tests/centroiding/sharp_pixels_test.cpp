@@ -1,0 +1,118 @@
+// A pixel that is too sharp to be light through the optics enters no sum, and light is never taken
+// for one.
+#include "centroiding/sharp_pixels.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "acquisition/simulator/random_stream.h"
+#include "centroiding/centroid_methods.h"
+#include "service/bench/bench_frames.h"
+
+namespace curlew {
+namespace {
+
+constexpr std::uint64_t kSeed = 20261130;
+constexpr BenchCase kCase{16, 16, 12};
+
+Sensor sensor_of_spots(CentroidMethod method = CentroidMethod::kThresholded) {
+  Sensor sensor = tiled_sensor(kCase);
+  sensor.method = method;
+  // σ is P/6 = 2 px: on a pixel's centre the peak is 1.13 of its neighbours at most.
+  sensor.spot_sharpness = 1.13;
+  return sensor;
+}
+
+struct Measured {
+  explicit Measured(const BenchFrame& frame, const CentroidOptions& options = {})
+      : sensor(sensor_of_spots(options.method)),
+        plan(sensor, frame.format, options),
+        level_plan(sensor, frame.format, options),
+        sharp_plan(sensor, frame.format),
+        levels(level_plan),
+        sharp(kCase.rows, kCase.cols),
+        centroids(kCase.rows, kCase.cols) {
+    measure_levels(level_plan, frame.view(), levels);
+    find_sharp_pixels(sharp_plan, plan, frame.view(), levels, sharp);
+    find_centroids(plan, frame.view(), centroids, &levels, &sharp);
+  }
+  Sensor sensor;
+  CentroidPlan plan;
+  LevelPlan level_plan;
+  SharpPixelPlan sharp_plan;
+  FrameLevels levels;
+  SharpPixels sharp;
+  Centroids centroids;
+};
+
+TEST(SharpPixels, LightIsNone) {
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    const Measured measured(make_bench_frame(kCase, BenchSlopes::kRandom, kSeed + seed));
+    EXPECT_TRUE(measured.sharp.pixels.empty()) << "seed " << kSeed + seed;
+  }
+}
+
+TEST(SharpPixels, HitLensletsAreWhereTheyWouldBeWithoutTheHit) {
+  const BenchFrame clean = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
+  const Measured before(clean);
+  BenchFrame hit = clean;
+  RandomStream random(kSeed, 1);
+  const int n_hits = 40;
+  for (int i = 0; i < n_hits; ++i) {
+    // One in each of 40 lenslets, none at the frame's rim.
+    const int k = 6 * i + 1;
+    const int x =
+        kCase.window_px * (k % kCase.cols) + 1 + static_cast<int>(10.0 * random.uniform());
+    const int y =
+        kCase.window_px * (k / kCase.cols) + 1 + static_cast<int>(10.0 * random.uniform());
+    std::uint16_t& count = hit.pixels(y, x);
+    count = static_cast<std::uint16_t>(count + 40000);
+  }
+  for (const CentroidMethod method : {CentroidMethod::kThresholded, CentroidMethod::kWeighted}) {
+    CentroidOptions options;
+    options.method = method;
+    const Measured clean_again(clean, options);
+    const Measured after(hit, options);
+    EXPECT_EQ(after.sharp.pixels.size(), static_cast<std::size_t>(n_hits));
+    double worst = 0.0;
+    for (std::size_t k = 0; k < after.centroids.state.size(); ++k) {
+      ASSERT_EQ(after.centroids.state[k], clean_again.centroids.state[k]) << k;
+      const double dx =
+          static_cast<double>(after.centroids.x_px[k] - clean_again.centroids.x_px[k]);
+      const double dy =
+          static_cast<double>(after.centroids.y_px[k] - clean_again.centroids.y_px[k]);
+      if (after.sharp.first[k] < 0) {
+        EXPECT_EQ(dx, 0.0) << k;
+        continue;
+      }
+      worst = std::max(worst, std::hypot(dx, dy));
+    }
+    // Its neighbours stand in for a pixel of the spot itself: what they miss is the curvature.
+    EXPECT_LT(worst, 0.1) << name_of(method);
+  }
+}
+
+TEST(SharpPixels, AHitInADarkWindowIsNoSpot) {
+  BenchFrame frame = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
+  for (std::uint16_t& count : frame.pixels) count = 100;
+  frame.pixels(30, 31) = 30000;
+  const Measured measured(frame);
+  ASSERT_EQ(measured.sharp.pixels.size(), 1U);
+  for (std::size_t k = 0; k < measured.centroids.state.size(); ++k)
+    EXPECT_EQ(measured.centroids.state[k], LensletState::kFaint) << k;
+  EXPECT_EQ(measured.centroids.flux_adu(2, 2), 0.0F);
+}
+
+TEST(SharpPixels, AreNotLookedForWhereSpotsAreAsSharp) {
+  BenchFrame frame = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
+  frame.pixels(30, 31) = 65000;
+  Sensor sensor = sensor_of_spots();
+  for (const double sharpness : {3.5, std::nan("")}) {
+    sensor.spot_sharpness = sharpness;
+    EXPECT_EQ(SharpPixelPlan(sensor, frame.format).sharpness, 0.0F) << sharpness;
+  }
+}
+
+}  // namespace
+}  // namespace curlew
