@@ -1,6 +1,7 @@
 // Centroids holds the moments of one spot per lenslet.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 #include "core/image.h"
@@ -16,6 +17,8 @@ enum class LensletState : std::uint8_t {
   kAtEdge,     ///< the spot has left, or nearly left, its window
   kBadPixels,  ///< too much of the window is bad
 };
+
+inline constexpr std::size_t kLensletStates = 6;  ///< the number of values of LensletState
 
 /// All maps are [rows, cols] of lenslets. A kValid spot has all values. A kFaint or kAtEdge spot
 /// has them too, for those stages that can use weak spots; they are 0 if no light exceeds the

@@ -27,10 +27,45 @@ void RunReport::merge(const RunReport& other) {
   dropped += other.dropped;
   late += other.late;
   not_converged += other.not_converged;
+  measured += other.measured;
+  for (std::size_t i = 0; i < kLensletStates; ++i) unmeasured[i] += other.unmeasured[i];
   for (std::size_t i = 0; i < kStageCount; ++i) stage[i].merge(other.stage[i]);
   publish.merge(other.publish);
   total.merge(other.total);
   seconds += other.seconds;
+}
+
+std::string nothing_measured(const RunReport& report) {
+  if (report.measured > 0 || report.frames == 0) return {};
+  struct Reason {
+    LensletState state;
+    const char* text;
+  };
+  std::array<Reason, 4> reasons{{{LensletState::kFaint, "too faint"},
+                                 {LensletState::kSaturated, "saturated"},
+                                 {LensletState::kAtEdge, "at the edge of their windows"},
+                                 {LensletState::kBadPixels, "on bad pixels"}}};
+  const auto times = [&](const Reason& reason) {
+    return report.unmeasured[static_cast<std::size_t>(reason.state)];
+  };
+  std::int64_t all = 0;
+  for (const Reason& reason : reasons) all += times(reason);
+  if (all == 0) return "nothing was measured: the sensor file has no lit lenslet";
+  std::stable_sort(reasons.begin(), reasons.end(),
+                   [&](const Reason& a, const Reason& b) { return times(a) > times(b); });
+  std::string text;
+  for (const Reason& reason : reasons) {
+    const std::int64_t percent = (200 * times(reason) + all) / (2 * all);
+    if (percent > 0)
+      text += (text.empty() ? "" : ", ") + std::to_string(percent) + " % " + reason.text;
+  }
+  return "nothing was measured: of " + std::to_string(all) + " spots in " +
+         std::to_string(report.frames) + " frames " + text;
+}
+
+std::string found_text(const RunReport& report) {
+  if (!nothing_measured(report).empty()) return "nothing measured";
+  return std::to_string(report.vortices) + " vortices";
 }
 
 Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
@@ -183,6 +218,13 @@ void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
   if (feed_failure) std::rethrow_exception(feed_failure);
 }
 
+void Pipeline::count_lenslets(const Centroids& centroids) noexcept {
+  report_.measured += centroids.n_valid;
+  if (report_.measured > 0) return;  // The rest is needed only if nothing is measured at all.
+  for (const LensletState state : centroids.state)
+    ++report_.unmeasured[static_cast<std::size_t>(state)];
+}
+
 void Pipeline::publish(FrameSlot& slot, const Publisher& publisher) {
   {
     const StageTimer timer(slot.latency.publish_ns);
@@ -190,6 +232,7 @@ void Pipeline::publish(FrameSlot& slot, const Publisher& publisher) {
   }
   const FrameHeader& header = slot.frame->header;
   ++report_.frames;
+  count_lenslets(slot.centroids);
   report_.vortices += static_cast<std::int64_t>(slot.vortices.size());
   report_.overflow += slot.vortices.overflow();
   report_.not_converged += slot.split.converged ? 0 : 1;

@@ -1,6 +1,7 @@
 // Pipeline takes frames from a feed through the stages to a publisher.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <functional>
@@ -9,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "core/centroids.h"
 #include "core/latency_histogram.h"
 #include "service/feed.h"
 #include "service/stages.h"
@@ -23,6 +25,10 @@ struct RunReport {
   std::int64_t dropped = 0;        ///< frames missing in the numbering of those that came
   std::int64_t late = 0;           ///< frames whose results missed the deadline
   std::int64_t not_converged = 0;  ///< frames whose split stopped at its iteration limit
+  std::int64_t measured = 0;       ///< valid lenslets, over all frames
+  /// How often the plan's lenslets were in each LensletState, in the frames before the first that
+  /// has a valid one.
+  std::array<std::int64_t, kLensletStates> unmeasured{};
   std::array<LatencyHistogram, kStageCount> stage;
   LatencyHistogram publish;
   LatencyHistogram total;
@@ -30,6 +36,13 @@ struct RunReport {
 
   void merge(const RunReport& other);
 };
+
+/// Returns a sentence on why nothing was measured in the frames of a run, the most frequent reasons
+/// first; empty if at least one lenslet of one frame was valid, or if there was no frame.
+std::string nothing_measured(const RunReport& report);
+
+/// Returns how many vortices were found, as "3 vortices", or "nothing measured".
+std::string found_text(const RunReport& report);
 
 /// What is done with finished frames. The calls come in the order of the frames, from one thread.
 struct Publisher {
@@ -76,6 +89,7 @@ class Pipeline {
   void run_stage(std::size_t stage, FrameSlot& slot) const noexcept;
   bool is_late(const FrameSlot& slot) const noexcept;
   void publish(FrameSlot& slot, const Publisher& publisher);
+  void count_lenslets(const Centroids& centroids) noexcept;
 
   PipelineOptions options_;
   PipelineThreadStart thread_start_;

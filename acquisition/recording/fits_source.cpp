@@ -5,49 +5,16 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <limits>
 #include <span>
 #include <utility>
 
+#include "acquisition/recording/pixel_range.h"
 #include "core/error.h"
 
 namespace curlew {
 namespace {
 
 constexpr double kMaxCount = 65535.0;
-// From this span on, rounding to whole ADU loses less than most detectors' own noise.
-constexpr double kWideSpan = 4096.0;
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-/// Holds what the scan of all values finds out.
-struct Range {
-  double min = kInfinity;
-  double max = -kInfinity;
-  bool whole_numbers = true;
-
-  bool any() const { return min <= max; }
-};
-
-// Adds one frame to the range and counts its finite values.
-std::size_t scan(const Image<double>& values, Range& range) {
-  std::size_t finite = 0;
-  for (const double value : values) {
-    if (!std::isfinite(value)) continue;
-    ++finite;
-    range.min = std::min(range.min, value);
-    range.max = std::max(range.max, value);
-    range.whole_numbers = range.whole_numbers && value == std::trunc(value);
-  }
-  return finite;
-}
-
-double choose_scale(const Range& range) {
-  const double span = range.max - range.min;
-  if (span <= kMaxCount && (range.whole_numbers || span >= kWideSpan)) return 1.0;
-  const double scale = span / kMaxCount;
-  // If all values are equal, or nearly, there is no scale to choose.
-  return scale >= std::numeric_limits<double>::min() ? scale : 1.0;
-}
 
 std::string number(double value) {
   std::array<char, 32> text{};
@@ -55,7 +22,7 @@ std::string number(double value) {
   return text.data();
 }
 
-std::string region_text(const FrameFormat& region) {
+std::string place_text(const FrameFormat& region) {
   return "offset (" + std::to_string(region.offset_x_px) + ", " +
          std::to_string(region.offset_y_px) + "), binning " + std::to_string(region.binning);
 }
@@ -67,25 +34,35 @@ void require_alike(const FitsCube& first, const FitsCube& other) {
                   first.file.path() + " of " + first.description() +
                   ": files replayed together must be alike");
   }
-  if (region_text(first.region) != region_text(other.region)) {
-    throw Failure(other.file.path() + " has " + region_text(other.region) + " and " +
-                  first.file.path() + " " + region_text(first.region) +
+  if (first.signed_pixels != other.signed_pixels) {
+    throw Failure(
+        other.file.path() + " and " + first.file.path() +
+        " hold 16-bit integers of which only one seems to have lost its key BZERO: replay "
+        "them apart");
+  }
+  if (place_text(first.region) != place_text(other.region)) {
+    throw Failure(other.file.path() + " has " + place_text(other.region) + " and " +
+                  first.file.path() + " " + place_text(first.region) +
                   ": files replayed together must be alike");
   }
 }
 
 }  // namespace
 
-FitsSource::FitsSource(std::vector<std::string> paths) : paths_(std::move(paths)) {
+FitsSource::FitsSource(std::vector<std::string> paths, FrameSelection selection)
+    : paths_(std::move(paths)), selection_(std::move(selection)) {
   if (paths_.empty()) throw UsageError("no FITS file to replay was named");
-  const FitsCube first = FitsCube::open(paths_.front());
+  const FitsCube first = FitsCube::open(paths_.front(), selection_);
   bool has_undefined = first.has_undefined;
   frame_count_ = first.frames;
+  notes_ = first.notes;
   for (std::size_t i = 1; i < paths_.size(); ++i) {
-    const FitsCube other = FitsCube::open(paths_[i]);
+    const FitsCube other = FitsCube::open(paths_[i], selection_);
     require_alike(first, other);
     has_undefined = has_undefined || other.has_undefined;
     frame_count_ += other.frames;
+    if (other.hdus != first.hdus || first.notes.empty())
+      notes_.insert(notes_.end(), other.notes.begin(), other.notes.end());
   }
   format_ = first.region;
   optics_ = first.optics;
@@ -96,6 +73,12 @@ FitsSource::FitsSource(std::vector<std::string> paths) : paths_(std::move(paths)
     format_.pixel_type = PixelType::kU8;
   } else if (!has_undefined && first.element == ElementType::kU16) {
     reading_ = Reading::kU16;
+  } else if (!has_undefined && first.element == ElementType::kI16 &&
+             first.signed_pixels == SignedPixels::kWrapped) {
+    reading_ = Reading::kWrapped;
+  } else if (!has_undefined && first.element == ElementType::kI16 &&
+             first.signed_pixels == SignedPixels::kShifted) {
+    reading_ = Reading::kI16;
   } else if (!has_undefined && first.element == ElementType::kI16) {
     reading_ = Reading::kI16;
     format_.zero_adu = -32768.0;
@@ -108,13 +91,13 @@ FitsSource::FitsSource(std::vector<std::string> paths) : paths_(std::move(paths)
 void FitsSource::choose_map() {
   values_ = Image<double>(format_.rows, format_.cols);
   Image<std::uint8_t> bad(format_.rows, format_.cols);
-  Range range;
+  PixelRange range;
   for (const std::string& path : paths_) {
-    FitsCube cube = FitsCube::open(path);
+    FitsCube cube = FitsCube::open(path, selection_);
     std::size_t finite_in_file = 0;
     for (std::int64_t n = 0; n < cube.frames; ++n) {
-      cube.read_frame(n, std::span(values_.data(), values_.size()));
-      const std::size_t finite = scan(values_, range);
+      cube.read_values(n, std::span(values_.data(), values_.size()));
+      const std::size_t finite = range.add(values_);
       finite_in_file += finite;
       if (finite == 0 || finite == values_.size()) continue;
       for (std::size_t k = 0; k < values_.size(); ++k) {
@@ -128,27 +111,70 @@ void FitsSource::choose_map() {
   if (static_cast<std::size_t>(n_bad) == bad.size()) {
     throw Failure(paths_.front() + " has no pixel that is finite in all frames");
   }
-  if (!std::isfinite(range.max - range.min)) {
-    throw Failure(paths_.front() + " has pixels from " + number(range.min) + " to " +
-                  number(range.max) + ", too far apart to be counts");
+  if (!std::isfinite(range.max() - range.min())) {
+    throw Failure(paths_.front() + " has pixels from " + number(range.min()) + " to " +
+                  number(range.max()) + ", too far apart to be counts");
   }
-  if (n_bad > 0) nan_pixels_ = std::move(bad);
-  format_.scale_adu = choose_scale(range);
-  format_.zero_adu = range.min;
-  map_report_ = "Pixels from " + number(range.min) + " to " + number(range.max) +
+  const PixelMap map = range.choose_map();
+  format_.scale_adu = map.scale;
+  format_.zero_adu = map.min;
+  const FarPixels far = map.leaves_out ? find_far_pixels(map, bad) : FarPixels{};
+  if (n_bad + far.bad > 0) nan_pixels_ = std::move(bad);
+  report_map(map, n_bad, far);
+}
+
+// Marks as bad the pixels that are outside the map in all frames.
+FitsSource::FarPixels FitsSource::find_far_pixels(const PixelMap& map, Image<std::uint8_t>& bad) {
+  Image<std::int64_t> times(format_.rows, format_.cols);
+  std::int64_t frames = 0;
+  for (const std::string& path : paths_) {
+    FitsCube cube = FitsCube::open(path, selection_);
+    for (std::int64_t n = 0; n < cube.frames; ++n) {
+      cube.read_values(n, std::span(values_.data(), values_.size()));
+      bool any = false;
+      for (std::size_t k = 0; k < values_.size(); ++k) {
+        if (!std::isfinite(values_[k])) continue;
+        any = true;
+        if (!map.holds(values_[k])) ++times[k];
+      }
+      frames += any ? 1 : 0;
+    }
+  }
+  FarPixels far;
+  for (std::size_t k = 0; k < times.size(); ++k) {
+    if (times[k] == 0 || bad[k] != 0) continue;
+    if (times[k] == frames) {
+      bad[k] = 1;
+      ++far.bad;
+    } else {
+      far.clipped += times[k];
+    }
+  }
+  return far;
+}
+
+void FitsSource::report_map(const PixelMap& map, std::int64_t not_finite, const FarPixels& far) {
+  const auto count = [](std::int64_t n, const std::string& one, const std::string& many) {
+    return "; " + std::to_string(n) + (n == 1 ? one : many);
+  };
+  map_report_ = "Pixels from " + number(map.min) + " to " + number(map.max) +
                 " are mapped to 16 bits: ADU = " + number(format_.zero_adu) + " + " +
-                number(format_.scale_adu) + " * count.";
-  if (n_bad > 0) {
-    map_report_.pop_back();
-    map_report_ += "; " + std::to_string(n_bad) +
-                   (n_bad == 1 ? " pixel that is" : " pixels that are") +
-                   " not finite in some frame " + (n_bad == 1 ? "is" : "are") + " bad.";
-  }
+                number(format_.scale_adu) + " * count";
+  if (not_finite > 0)
+    map_report_ += count(not_finite, " pixel that is not finite in some frame is bad",
+                         " pixels that are not finite in some frame are bad");
+  if (far.bad > 0)
+    map_report_ += count(far.bad, " pixel that is far outside this range in all frames is bad",
+                         " pixels that are far outside this range in all frames are bad");
+  if (far.clipped > 0)
+    map_report_ += count(far.clipped, " value far outside, in some frames only, is clipped",
+                         " values far outside, in some frames only, are clipped");
+  map_report_ += ".";
 }
 
 bool FitsSource::open_next_file() {
   if (next_path_ == paths_.size()) return false;
-  cube_.emplace(FitsCube::open(paths_[next_path_++]));
+  cube_.emplace(FitsCube::open(paths_[next_path_++], selection_));
   if (cube_->region.rows != format_.rows || cube_->region.cols != format_.cols) {
     throw Failure(cube_->file.path() + " has changed while it was replayed");
   }
@@ -173,7 +199,7 @@ void FitsSource::read_frame_table() {
     read("RECEIVED_NS", table_.received_ns);
     read("STATUS", table_.status);
   }
-  file.select(cube_->hdu);
+  file.select(cube_->hdus.front());
 }
 
 Delivery FitsSource::next(FrameBuffer& into) {
@@ -215,6 +241,9 @@ void FitsSource::read_pixels(FrameBuffer& into) {
     case Reading::kU16:
       cube_->read_frame(frame_in_file_, std::span(counts, n));
       return;
+    case Reading::kWrapped:
+      cube_->read_frame(frame_in_file_, std::span(reinterpret_cast<std::int16_t*>(into.data()), n));
+      return;
     case Reading::kI16:
       cube_->read_frame(frame_in_file_, std::span(reinterpret_cast<std::int16_t*>(into.data()), n));
       // This adds 32768 in two's complement.
@@ -224,7 +253,7 @@ void FitsSource::read_pixels(FrameBuffer& into) {
     case Reading::kMapped:
       break;
   }
-  cube_->read_frame(frame_in_file_, std::span(values_.data(), values_.size()));
+  cube_->read_values(frame_in_file_, std::span(values_.data(), values_.size()));
   const double counts_per_adu = 1.0 / format_.scale_adu;
   std::size_t finite = 0;
   for (std::size_t k = 0; k < n; ++k) {

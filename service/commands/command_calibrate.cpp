@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "acquisition/fits/partial_path.h"
+#include "acquisition/recording/fits_cube.h"
 #include "acquisition/recording/fits_source.h"
 #include "acquisition/recording/mean_image.h"
 #include "centroiding/calibration/calibrate.h"
@@ -26,10 +27,10 @@ namespace curlew {
 namespace {
 
 struct CalibrateOptions {
-  std::string reference;
-  std::string dark;
-  std::string flat;
-  std::string bad_pixels;
+  std::string reference, hdu, region;
+  std::string dark, dark_hdu;
+  std::string flat, flat_hdu;
+  std::string bad_pixels, bad_pixels_hdu;
   std::string config;
   std::string out;
   std::string camera;
@@ -87,9 +88,17 @@ Detector detector_of(const CalibrateOptions& options, Detector detector) {
   return detector;
 }
 
-/// Returns the mean of a dark, flat or bad-pixel file, which must have the reference's size.
-MeanImage read_map(const std::string& path, const MeanImage& reference) {
-  MeanImage map = read_mean_image(path);
+FrameSelection reference_selection(const CalibrateOptions& options) {
+  return {.hdu = options.hdu, .region = parse_region(options.region)};
+}
+
+/// Returns the mean of a dark, flat or bad-pixel file. It must have the reference's size, or be as
+/// large as the image of which the reference is a region; then the same region is taken.
+MeanImage read_map(const std::string& path, const MeanImage& reference, FrameSelection selection) {
+  const FitsCube cube = FitsCube::open(path, selection);
+  if (cube.image_rows == reference.image_rows && cube.image_cols == reference.image_cols)
+    selection.region = reference.part;
+  MeanImage map = read_mean_image(path, selection);
   const FrameFormat& a = map.region;
   const FrameFormat& b = reference.region;
   if (a.offset_x_px != b.offset_x_px || a.offset_y_px != b.offset_y_px || a.binning != b.binning)
@@ -118,8 +127,8 @@ void check_dark(const std::string& path, const MeanImage& read) {
 /// Returns the power of 2 of which all values of the first frame are multiples, as where a camera
 /// writes 12 bits into the upper part of 16. It is 1 for 8 bits and for values that are not
 /// integers.
-int common_step(const std::string& path) {
-  FitsSource source({path});
+int common_step(const std::string& path, const FrameSelection& selection) {
+  FitsSource source({path}, selection);
   if (source.format().pixel_type != PixelType::kU16 || source.format().scale_adu != 1.0) return 1;
   FrameBuffer frame(source.format());
   if (source.next(frame) != Delivery::kFrame) return 1;
@@ -135,23 +144,29 @@ int common_step(const std::string& path) {
 
 CalibrationInput read_input(const CalibrateOptions& options, const FitsSource& source) {
   CalibrationInput input;
-  const MeanImage reference = read_mean_image(options.reference);
+  const MeanImage reference = read_mean_image(options.reference, reference_selection(options));
   input.reference_adu = converted<float>(reference.mean);
   input.reference_frames = static_cast<int>(reference.frames);
   if (!reference.variance.empty())
     input.reference_variance_adu2 = converted<float>(reference.variance);
   input.adu_per_count = source.format().scale_adu;
-  input.value_step = common_step(options.reference);
+  input.value_step = common_step(options.reference, reference_selection(options));
   if (!options.dark.empty()) {
-    const MeanImage dark = read_map(options.dark, reference);
+    const MeanImage dark = read_map(options.dark, reference,
+                                    {.hdu = options.dark_hdu, .content = ImageContent::kDark});
     check_dark(options.dark, dark);
     input.dark_adu = converted<float>(dark.mean);
     if (!dark.variance.empty()) input.dark_variance_adu2 = converted<float>(dark.variance);
   }
-  if (!options.flat.empty()) input.flat = converted<float>(read_map(options.flat, reference).mean);
+  if (!options.flat.empty())
+    input.flat = converted<float>(
+        read_map(options.flat, reference, {.hdu = options.flat_hdu, .content = ImageContent::kFlat})
+            .mean);
   Image<std::uint8_t> bad(reference.region.rows, reference.region.cols);
   if (!options.bad_pixels.empty()) {
-    const MeanImage map = read_map(options.bad_pixels, reference);
+    const MeanImage map =
+        read_map(options.bad_pixels, reference,
+                 {.hdu = options.bad_pixels_hdu, .content = ImageContent::kBadPixels});
     for (std::size_t i = 0; i < bad.size(); ++i) bad[i] = map.mean[i] == 0.0 ? 0 : 1;
   }
   for (std::size_t i = 0; i < bad.size(); ++i)
@@ -185,7 +200,7 @@ void calibrate_on_recording(const CalibrateOptions& options) {
   refuse_overwriting(options.out, {options.reference, options.dark, options.flat,
                                    options.bad_pixels, options.config});
   const Config config = options.config.empty() ? Config{} : read_config(options.config);
-  FitsSource source({options.reference});
+  FitsSource source({options.reference}, reference_selection(options));
   CalibrationInput input = read_input(options, source);
   input.centroid = config.centroid;
   Calibration calibration = [&] {
@@ -199,6 +214,7 @@ void calibrate_on_recording(const CalibrateOptions& options) {
   const ReferenceReport report = measure_reference_spots(source, config.centroid, sensor);
   write_sensor(options.out, sensor);
   print_fit(options, sensor);
+  for (const std::string& note : source.notes()) fmt::print("  {}\n", note);
   if (!source.map_report().empty()) fmt::print("  {}\n", source.map_report());
   // --mirror only adds to what the header says.
   const std::string differing = differing_optics(source.optics(), sensor.optics);
@@ -254,6 +270,8 @@ void calibrate_on_camera(CalibrateOptions options) {
 void calibrate(const CalibrateOptions& options) {
   if (options.camera.empty() == options.reference.empty())
     throw UsageError("give either a reference recording or --camera");
+  if (!options.camera.empty() && !(options.hdu.empty() && options.region.empty()))
+    throw UsageError("--hdu and --region are for a reference recording, not for --camera");
   if (options.camera.empty() && (options.take_dark || !options.keep.empty()))
     throw UsageError("--take-dark and --keep need --camera");
   if (options.camera.empty())
@@ -269,6 +287,10 @@ void add_calibrate(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("calibrate", "Find the lenslet grid and write the sensor file");
   command->add_option("reference", options->reference, "frames of the reference beam (FITS)");
+  command->add_option("--hdu", options->hdu,
+                      "image of the reference to read, by EXTNAME or number (0: the primary)");
+  command->add_option("--region", options->region,
+                      "part of each frame to read: X,Y,W,H in px from 0 (default: key DATASEC)");
   command->add_option("--camera", options->camera,
                       "camera to take the frames from: aravis:ID, usb:VID:PID or sim:PRESET");
   command->add_option("--frames", options->frames, "how many frames to take from the camera")
@@ -281,9 +303,15 @@ void add_calibrate(CLI::App& app) {
   command->add_option("--out", options->out, "the sensor file (FITS)")->required();
   command->add_option("--dark", options->dark,
                       "dark frame, or a stack, which also gives the read noise");
+  command->add_option("--dark-hdu", options->dark_hdu,
+                      "image of --dark to read, by EXTNAME or number");
   command->add_option("--flat", options->flat, "flat field, of any scale (FITS)");
+  command->add_option("--flat-hdu", options->flat_hdu,
+                      "image of --flat to read, by EXTNAME or number");
   command->add_option("--bad-pixels", options->bad_pixels,
                       "image that is not 0 where a pixel is bad (FITS)");
+  command->add_option("--bad-pixels-hdu", options->bad_pixels_hdu,
+                      "image of --bad-pixels to read, by EXTNAME or number");
   command->add_option("--config", options->config,
                       "configuration (TOML): [centroid], and [camera] with --camera");
   command->add_option("--pitch-um", options->pitch_um, "lenslet pitch, µm");

@@ -31,6 +31,8 @@ namespace {
 struct ReplayOptions {
   std::vector<std::string> recordings;
   std::string sensor;
+  std::string hdu;
+  std::string region;
   PipelineFlags pipeline;
   std::string out;
   std::string jsonl;
@@ -39,10 +41,15 @@ struct ReplayOptions {
   std::int64_t show = 3;
 };
 
+FrameSelection selection_of(const ReplayOptions& options) {
+  return {.hdu = options.hdu, .region = parse_region(options.region)};
+}
+
 /// Returns sentences on what the sensor file says differently about detector and optics than the
 /// frames do. They matter because thresholds and significances follow the sensor file.
 std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& source,
-                                        const std::string& recording) {
+                                        const ReplayOptions& options) {
+  const std::string& recording = options.recordings.front();
   constexpr double kMuchNoisier = 1.5;
   std::vector<std::string> notes;
   const double e_per_adu = source.detector().e_per_adu;
@@ -57,7 +64,7 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
         fmt::format("{} was taken with other optics than the sensor file says ({}): slopes are "
                     "those of the sensor file",
                     recording, differing));
-  FitsSource first({recording});
+  FitsSource first({recording}, selection_of(options));
   FrameBuffer frame(first.format());
   if (first.next(frame) != Delivery::kFrame) return notes;
   const FrameNoise seen = estimate_frame_noise(sensor, first.format(), frame.view());
@@ -97,9 +104,9 @@ void print_input(const ReplayOptions& options, const FitsSource& source, const S
              source.format().cols, source.format().rows,
              std::count(sensor.valid.begin(), sensor.valid.end(), std::uint8_t{1}),
              sensor.grid.cols, sensor.grid.rows);
+  for (const std::string& note : source.notes()) fmt::print("{}\n", note);
   if (!source.map_report().empty()) fmt::print("{}\n", source.map_report());
-  for (const std::string& note : contradictions(sensor, source, options.recordings.front()))
-    fmt::print("{}\n", note);
+  for (const std::string& note : contradictions(sensor, source, options)) fmt::print("{}\n", note);
 }
 
 /// The files for the results; null if a file was not asked for.
@@ -139,8 +146,9 @@ RunReport run_pipeline(const ReplayOptions& options, const Config& config,
 
 void print_summary(const RunReport& report, const Config& config,
                    const ThreadPlacement& placement) {
-  fmt::print("{} frames, {} vortices, {} frames dropped, {:.1f} frames/s\n", report.frames,
-             report.vortices, report.dropped, static_cast<double>(report.frames) / report.seconds);
+  fmt::print("{} frames, {}, {} frames dropped, {:.1f} frames/s\n", report.frames,
+             found_text(report), report.dropped,
+             static_cast<double>(report.frames) / report.seconds);
   if (report.overflow > 0)
     fmt::print("{} more vortices did not fit: raise [pipeline] max_vortices\n", report.overflow);
   if (report.not_converged > 0)
@@ -157,10 +165,10 @@ void replay(const ReplayOptions& options) {
   Config config = options.pipeline.configuration();
   config.split.hidden_phase |= save.whole_phase;
   Sensor sensor = read_sensor(options.sensor);
-  FitsSource source(options.recordings);
+  FitsSource source(options.recordings, selection_of(options));
   add_bad_pixels(sensor, source.nan_pixels());
   const auto plan = std::make_shared<const Plan>(sensor, source.format(), config);
-  const Truth truth(options.recordings);
+  const Truth truth(options.recordings, selection_of(options));
   print_input(options, source, sensor);
 
   ReplayFiles files;
@@ -174,6 +182,7 @@ void replay(const ReplayOptions& options) {
   files.commit();
   printer.summarize();
   print_summary(report, config, placement);
+  if (const std::string why = nothing_measured(report); !why.empty()) throw Failure(why);
 }
 
 }  // namespace
@@ -184,6 +193,10 @@ void add_replay(CLI::App& app) {
   command->add_option("recordings", options->recordings, "FITS files, in order")->required();
   command->add_option("--sensor", options->sensor, "sensor file made by 'curlew calibrate'")
       ->required();
+  command->add_option("--hdu", options->hdu,
+                      "image to read, by EXTNAME or number (0: the primary)");
+  command->add_option("--region", options->region,
+                      "part of each frame to read: X,Y,W,H in px from 0 (default: key DATASEC)");
   command->add_option("--out", options->out, "results file to write (FITS)");
   command
       ->add_option("--save", options->save,

@@ -42,8 +42,8 @@ void print_report(const DaemonReport& report) {
       "{} aborted, {} of the wrong size, {} other\n",
       frames.lost, frames.no_buffer, frames.incomplete, frames.timed_out, frames.aborted,
       frames.wrong_size, frames.other);
-  fmt::print("{} vortices, {} results after the deadline, {} connections to the camera\n",
-             report.results.vortices, report.results.late, report.connections);
+  fmt::print("{}, {} results after the deadline, {} connections to the camera\n",
+             found_text(report.results), report.results.late, report.connections);
   if (report.recorder.files > 0)
     fmt::print("recorded {} frames in {} files, {} frames dropped\n", report.recorder.recorded,
                report.recorder.files, report.recorder.dropped);
@@ -55,7 +55,9 @@ void run_daemon(const RunCommand& options) {
   catch_daemon_signals();
   const Log log(configuration(options).daemon.log_level);
   Daemon daemon([options] { return configuration(options); }, options.limits);
-  print_report(daemon.run());
+  const DaemonReport report = daemon.run();
+  print_report(report);
+  if (const std::string why = nothing_measured(report.results); !why.empty()) throw Failure(why);
 }
 
 }  // namespace

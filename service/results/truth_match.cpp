@@ -17,7 +17,7 @@ double distance(const A& a, const B& b) {
 
 }  // namespace
 
-Truth::Truth(const std::vector<std::string>& recordings) {
+Truth::Truth(const std::vector<std::string>& recordings, const FrameSelection& selection) {
   std::int64_t first_frame = 0;
   for (const std::string& path : recordings) {
     if (const auto truth = read_truth(path)) {
@@ -27,7 +27,7 @@ Truth::Truth(const std::vector<std::string>& recordings) {
         vortices_.push_back(vortex);
       }
     }
-    first_frame += FitsCube::open(path).frames;
+    first_frame += FitsCube::open(path, selection).frames;
   }
   std::stable_sort(vortices_.begin(), vortices_.end(),
                    [](const auto& a, const auto& b) { return a.frame < b.frame; });

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "acquisition/recording/frame_selection.h"
 #include "acquisition/recording/truth_vortex.h"
 #include "acquisition/simulator/field.h"
 #include "core/vortex.h"
@@ -15,7 +16,8 @@ namespace curlew {
 /// The true vortices of recordings that follow one another. Frames are counted over all of them.
 class Truth {
  public:
-  explicit Truth(const std::vector<std::string>& recordings);
+  /// selection: what is read of each recording.
+  explicit Truth(const std::vector<std::string>& recordings, const FrameSelection& selection = {});
 
   bool known() const { return known_; }  ///< whether at least one recording has a truth
   std::span<const TruthVortex> of_frame(std::int64_t frame) const;

@@ -144,6 +144,82 @@ TEST(FitsSource, AFrameWithoutAnyValueIsIncompleteAndSpoilsNoPixel) {
   EXPECT_EQ(status, (std::vector<std::uint32_t>{kFrameOk, kFrameIncomplete, kFrameOk}));
 }
 
+TEST(FitsSource, APixelThatIsFlaggedInAllFramesIsBadAndOthersAreClipped) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "a.fits";
+  std::vector<double> pixels;
+  for (int n = 0; n < 3; ++n)
+    for (int k = 0; k < 400; ++k) pixels.push_back(0.001 * ((k * 37 + n * 11) % 100));
+  for (const std::size_t n : {0U, 1U, 2U}) pixels[n * 400 + 7] = -1e30;
+  pixels[400 + 9] = 1e38;
+  write_doubles(path, {3, 20, 20}, pixels);
+  FitsSource source({path});
+  EXPECT_TRUE(contains(source.map_report(), "1 pixel that is far outside this range in all frames"))
+      << source.map_report();
+  EXPECT_TRUE(contains(source.map_report(), "1 value far outside")) << source.map_report();
+  ASSERT_EQ(source.nan_pixels().size(), 400U);
+  for (std::size_t k = 0; k < 400; ++k) EXPECT_EQ(source.nan_pixels()[k], k == 7 ? 1 : 0);
+  const std::vector<double> values = replay_adu(source);
+  ASSERT_EQ(values.size(), pixels.size());
+  for (std::size_t k = 0; k < values.size(); ++k) {
+    // All others keep their value to half a step of a 65535th of their range, and what is clipped
+    // becomes the largest of them.
+    const double expected = k % 400 == 7 ? 0.0 : k == 409 ? 0.099 : pixels[k];
+    ASSERT_NEAR(values[k], expected, 1e-6) << k;
+  }
+  const MeanImage mean = read_mean_image(path);
+  EXPECT_TRUE(std::isnan(mean.mean[7]));
+  EXPECT_NEAR(mean.mean[9], (pixels[9] + 0.099 + pixels[809]) / 3.0, 1e-12);
+  EXPECT_NEAR(mean.mean[8], (pixels[8] + pixels[408] + pixels[808]) / 3.0, 1e-12);
+}
+
+// Draws unsigned pixels: a background of 900 with some noise, and in a quarter of the pixels light
+// of up to `top`, of many values.
+std::vector<std::uint16_t> draw_unsigned(int top) {
+  std::vector<std::uint16_t> pixels;
+  for (int k = 0; k < 1600; ++k) {
+    const int light = k % 40 < 10 ? k * 977 % top : 0;
+    pixels.push_back(static_cast<std::uint16_t>(900 + k * 37 % 20 + light));
+  }
+  return pixels;
+}
+
+TEST(FitsSource, UnsignedPixelsThatLostTheirZeroAreReadAsUnsigned) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "a.fits";
+  for (const int shift : {32768, 65536}) {
+    const std::vector<std::uint16_t> truth = draw_unsigned(shift == 32768 ? 5000 : 60000);
+    std::vector<std::int16_t> pixels;
+    std::vector<double> expected;
+    for (const std::uint16_t pixel : truth) {
+      const bool moved = shift == 32768 || pixel > 32767;
+      pixels.push_back(static_cast<std::int16_t>(moved ? pixel - shift : pixel));
+      expected.push_back(pixel);
+    }
+    write_cube(path, ElementType::kI16, {40, 40}, pixels);
+    FitsSource source({path});
+    ASSERT_EQ(source.notes().size(), 1U);
+    EXPECT_TRUE(contains(source.notes()[0], "BZERO")) << source.notes()[0];
+    EXPECT_TRUE(contains(source.notes()[0], std::to_string(shift))) << source.notes()[0];
+    EXPECT_EQ(replay_adu(source), expected);
+    EXPECT_EQ(read_mean_image(path).mean[3], expected[3]);
+  }
+}
+
+TEST(FitsSource, SignedPixelsThatAreSignedStayWhatTheyAre) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "a.fits";
+  std::vector<std::int16_t> pixels;
+  for (const std::uint16_t pixel : draw_unsigned(30000))
+    pixels.push_back(static_cast<std::int16_t>(pixel - 905));
+  for (std::size_t k = 0; k < 40; ++k) pixels[40 * k] = -5000;  // This is what overscan holds.
+  pixels[41] = -32768;                                          // This is a flag.
+  write_cube(path, ElementType::kI16, {40, 40}, pixels);
+  FitsSource source({path});
+  EXPECT_TRUE(source.notes().empty());
+  EXPECT_EQ(replay_adu(source), std::vector<double>(pixels.begin(), pixels.end()));
+}
+
 void write_frame_table(FitsFile& file, const std::vector<std::int64_t>& sequence) {
   file.create_table("FRAMES",
                     std::array<ColumnSpec, 2>{{{"STATUS", 'J', ""}, {"SEQUENCE", 'K', ""}}});
