@@ -22,6 +22,7 @@
 #include "service/sensor/optics_comparison.h"
 #include "service/sensor/reference_spots.h"
 #include "service/sensor/sensor_file.h"
+#include "service/sensor/sensor_verdict.h"
 
 namespace curlew {
 namespace {
@@ -225,6 +226,9 @@ void calibrate_on_recording(const CalibrateOptions& options) {
         options.reference, differing);
   for (const std::string& note : calibration.notes) fmt::print("  {}\n", note);
   if (!report.text.empty()) fmt::print("  {}\n", report.text);
+  fmt::print("verdict on the sensor:\n");
+  for (const std::string& line : sensor_verdict(sensor, calibration.width_over_diffraction))
+    fmt::print("  {}\n", line);
 }
 
 /// Takes darks from the camera, and leaves no file where they are lit.
