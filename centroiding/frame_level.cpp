@@ -185,11 +185,13 @@ LevelPlan::LevelPlan(const Sensor& sensor, const FrameFormat& format,
       const double x = grid.origin_x_px + grid.p11 * (c - 0.5) + grid.p12 * (r - 0.5);
       const double y = grid.origin_y_px + grid.p21 * (c - 0.5) + grid.p22 * (r - 0.5);
       const double step = across > 1 ? (side - 1.0) / (across - 1) : 0.0;
-      for (int i = 0; i < block_pixels_; ++i)
+      for (int i = 0; i < block_pixels_; ++i) {
+        const int column = i % across;
+        const int row = i / across;
         pixels_.push_back(calibrated_pixel(
-            sensor, format,
-            static_cast<int>(std::lround(x - 0.5 * (side - 1) + step * (i % across))),
-            static_cast<int>(std::lround(y - 0.5 * (side - 1) + step * (i / across)))));
+            sensor, format, static_cast<int>(std::lround(x - 0.5 * (side - 1) + step * column)),
+            static_cast<int>(std::lround(y - 0.5 * (side - 1) + step * row))));
+      }
     }
   }
 }

@@ -154,7 +154,7 @@ SharpPixelPlan::SharpPixelPlan(const Sensor& sensor, const FrameFormat& format)
   constexpr double kUndersampled = 4.0;  // Sharper spots are as sharp as a cosmic ray.
   const double allowed = kMargin * sensor.spot_sharpness;
   sharpness = allowed > 1.0 && allowed <= kUndersampled ? static_cast<float>(allowed) : 0.0F;
-  float high_adu = static_cast<float>(sensor.background_adu);
+  auto high_adu = static_cast<float>(sensor.background_adu);
   if (!sensor.dark_adu.empty()) {
     std::vector<float> darks;
     std::copy_if(sensor.dark_adu.begin(), sensor.dark_adu.end(), std::back_inserter(darks),

@@ -386,8 +386,8 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
                         "is on the detector, or nothing in it exceeds the threshold"));
   }
   sensor.spot_sharpness = measure_sharpness(sensor, light);
-  const WindowGains gains = find_window_gains(sensor, light, measured, threshold, options,
-                                              {input.reference_frames, input.adu_per_count});
+  const WindowGains gains =
+      find_window_gains(sensor, measured, threshold, options, input.adu_per_count);
   sensor.spot_blur_px = gains.spot_blur_px;
   set_gains(sensor, measured, gains.gains, notes);
   return gains.width_over_diffraction;
