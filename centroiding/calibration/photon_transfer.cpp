@@ -58,9 +58,10 @@ std::vector<Pixel> usable_pixels(const Image<float>& light, const Image<float>& 
 /// Sorts the pixels into bins of equal width in √light, in which photon noise is even.
 std::vector<Level> levels_of(const std::vector<Pixel>& pixels, int frames) {
   constexpr std::size_t kBins = 32;
-  constexpr std::size_t kLeast = 12;  // pixels in a bin
-  if (pixels.size() < kLeast) return {};
+  constexpr std::size_t kMinPixels = 12;  // pixels in a bin
+  if (pixels.size() < kMinPixels) return {};
   std::vector<float> lights;
+  lights.reserve(pixels.size());
   for (const Pixel& p : pixels) lights.push_back(static_cast<float>(p.light));
   const double low = quantile(lights, 0.02);
   const double high = quantile(std::move(lights), 0.9995);
@@ -76,7 +77,7 @@ std::vector<Level> levels_of(const std::vector<Pixel>& pixels, int frames) {
   std::vector<Level> levels;
   for (std::size_t bin = 0; bin < kBins; ++bin) {
     const auto n = static_cast<double>(variances[bin].size());
-    if (variances[bin].size() < kLeast) continue;
+    if (variances[bin].size() < kMinPixels) continue;
     const double median = quantile(std::move(variances[bin]), 0.5);
     if (!(median > 0.0)) continue;
     // A median scatters by 1.25 times as much as a mean.
@@ -99,6 +100,7 @@ Line fit(const std::vector<Level>& levels, int n) {
   const double unit = levels.back().light > 0.0 ? levels.back().light : 1.0;
   Line line;
   std::vector<double> expected;
+  expected.reserve(levels.size());
   for (const Level& level : levels) expected.push_back(level.variance);
   for (int pass = 0; pass < 3; ++pass) {
     Eigen::MatrixXd a(rows, n);
@@ -141,14 +143,14 @@ PhotonTransfer measure_photon_transfer(const Image<float>& light_adu,
                                        const Image<float>& variance_adu2, int frames,
                                        const Image<std::uint8_t>& bad) {
   constexpr double kSure = 5.0;  // standard deviations
-  constexpr std::size_t kLeastLevels = 5;
+  constexpr std::size_t kMinPixelsLevels = 5;
   PhotonTransfer transfer;
   if (frames < 2 || variance_adu2.size() != light_adu.size()) return transfer;
   const std::vector<Pixel> pixels = usable_pixels(light_adu, variance_adu2, bad, transfer.clipped);
   const std::vector<Level> levels = levels_of(pixels, frames);
-  if (levels.size() < kLeastLevels) return transfer;
+  if (levels.size() < kMinPixelsLevels) return transfer;
   Line line = fit(levels, 2);
-  if (levels.size() > kLeastLevels) {
+  if (levels.size() > kMinPixelsLevels) {
     // Flicker and motion only add to the variance.
     const Line bent = fit(levels, 3);
     if (bent.terms(2) > kSure * bent.sigma(2)) line = bent;
