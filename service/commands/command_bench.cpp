@@ -118,6 +118,7 @@ void add_bench(CLI::App& app) {
   latency->add_flag("--json", options->json, "print JSON");
   latency->callback([options] { bench_latency(*options); });
   add_bench_centroid(*bench);
+  add_bench_split(*bench);
   add_bench_detect(*bench);
   add_bench_train(*bench);
   add_bench_classifier(*bench);

@@ -71,10 +71,31 @@ TEST(BenchCommands, CentroidMethods) {
     expect_times(said["cases"][0]["methods"], method);
 }
 
+TEST(BenchCommands, Split) {
+  const json said = run_bench("split --rows 10 --cols 12");
+  if (said.is_null()) return;
+  const json& entry = said["cases"][0];
+  EXPECT_EQ(entry["rows"], 10);
+  EXPECT_EQ(entry["cols"], 12);
+  expect_number(entry, "lit");
+  std::string names;
+  for (const json& split : entry["splits"]) {
+    names += split["name"].get<std::string>() + ' ';
+    for (const char* name : {"warm", "cold", "plain_float", "plain_double"})
+      expect_times(split, name);
+    for (const char* name : {"curlew_over_plain_float", "curlew_over_plain_double", "iterations",
+                             "worst_error", "plain_float_error"})
+      expect_number(split, name);
+    EXPECT_EQ(split["converged"], true);
+  }
+  EXPECT_EQ(names, "none_faded one_faded one_percent_faded five_percent_faded weighted ");
+  expect_times(entry["splits"][0], "plain_kept");
+}
+
 TEST(BenchCommands, TablesForPeople) {
 #ifdef NDEBUG
   const ScratchDirectory scratch;
-  for (const char* command : {"centroid --rows 3 --cols 4 --window 7"}) {
+  for (const char* command : {"centroid --rows 3 --cols 4 --window 7", "split --rows 8 --cols 8"}) {
     const ProgramRun run = run_curlew(scratch, std::string("bench ") + command + " --quick");
     EXPECT_EQ(run.exit_code, 0) << run.err;
     EXPECT_NE(run.out.find("median"), std::string::npos) << run.out;
