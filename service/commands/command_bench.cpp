@@ -119,6 +119,7 @@ void add_bench(CLI::App& app) {
   latency->callback([options] { bench_latency(*options); });
   add_bench_centroid(*bench);
   add_bench_split(*bench);
+  add_bench_circulation(*bench);
   add_bench_detect(*bench);
   add_bench_train(*bench);
   add_bench_classifier(*bench);

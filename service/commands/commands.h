@@ -13,9 +13,10 @@ void add_replay(CLI::App& app);
 void add_run(CLI::App& app);
 void add_control(CLI::App& app);
 void add_bench(CLI::App& app);
-// The next nine are the commands of bench.
+// The next ten are the commands of bench.
 void add_bench_centroid(CLI::App& bench);
 void add_bench_split(CLI::App& bench);
+void add_bench_circulation(CLI::App& bench);
 void add_bench_detect(CLI::App& bench);
 void add_bench_train(CLI::App& bench);
 void add_bench_classifier(CLI::App& bench);

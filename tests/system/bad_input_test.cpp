@@ -128,6 +128,7 @@ TEST_F(BadInput, Usage) {
   expect_refused("bench centroid --rows 8 --cols 8", 2, {"--window"});
   expect_refused("bench split --rows 8", 2, {"--cols"});
   expect_refused("bench split --rounds 0", 2, {"--rounds"});
+  expect_refused("bench circulation --vortices -1", 2, {"--vortices"});
   expect_refused("dance", 2, {"dance"});
   expect_refused("", 2, {"subcommand"});
   expect_refused("simulate --preset donut --out new.fits", 2, {"donut", "vortex"});

@@ -92,10 +92,22 @@ TEST(BenchCommands, Split) {
   expect_times(entry["splits"][0], "plain_kept");
 }
 
+TEST(BenchCommands, Circulation) {
+  const json said = run_bench("circulation --rows 10 --cols 12 --vortices 0,2");
+  if (said.is_null()) return;
+  ASSERT_EQ(said["cases"].size(), 2U);
+  for (const json& entry : said["cases"]) {
+    for (const char* name : {"circulate", "find", "both"}) expect_times(entry, name);
+    expect_number(entry, "found");
+  }
+  EXPECT_EQ(said["cases"][1]["vortices"], 2);
+}
+
 TEST(BenchCommands, TablesForPeople) {
 #ifdef NDEBUG
   const ScratchDirectory scratch;
-  for (const char* command : {"centroid --rows 3 --cols 4 --window 7", "split --rows 8 --cols 8"}) {
+  for (const char* command : {"centroid --rows 3 --cols 4 --window 7", "split --rows 8 --cols 8",
+                              "circulation --rows 8 --cols 8"}) {
     const ProgramRun run = run_curlew(scratch, std::string("bench ") + command + " --quick");
     EXPECT_EQ(run.exit_code, 0) << run.err;
     EXPECT_NE(run.out.find("median"), std::string::npos) << run.out;
