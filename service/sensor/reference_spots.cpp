@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "centroiding/frame_level.h"
+#include "centroiding/sharp_pixels.h"
 #include "core/error.h"
 #include "core/median.h"
 #include "service/program/interrupt.h"
@@ -36,14 +37,20 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
   const CentroidPlan plan(sensor, source.format(), options);
   const LevelPlan level_plan(sensor, source.format(), options);
   FrameLevels levels(level_plan);
+  const SharpPixelPlan sharp_plan(sensor, source.format());
+  SharpPixels sharp(sensor.valid.rows(), sensor.valid.cols());
   FrameBuffer frame(source.format());
   Centroids centroids(sensor.grid.rows, sensor.grid.cols);
   std::vector<Sums> sums(sensor.valid.size());
   int frames = 0;
   Progress progress("calibrate", source.frame_count());
   while (!interrupted() && source.next(frame) == Delivery::kFrame) {
-    if (options.follow_level) measure_levels(level_plan, frame.view(), levels);
-    find_centroids(plan, frame.view(), centroids, options.follow_level ? &levels : nullptr);
+    if (options.follow_level) {
+      measure_levels(level_plan, frame.view(), levels);
+      find_sharp_pixels(sharp_plan, plan, frame.view(), levels, sharp);
+    }
+    find_centroids(plan, frame.view(), centroids, options.follow_level ? &levels : nullptr,
+                   options.follow_level ? &sharp : nullptr);
     ++frames;
     progress.step();
     for (std::size_t k = 0; k < sums.size(); ++k) {
