@@ -124,7 +124,7 @@ TEST_F(ForeignFiles, ADarkBeforeTheFrames) {
   expect_said("HDU 2, PIXELS, is read");
   EXPECT_DOUBLE_EQ(mean_slope("dark_first.fits", "--hdu pixels"), expected_);
   // calibrate takes the frames and the dark from where their names are.
-  run("calibrate dark_first.fits --dark dark_first.fits --pitch-um 80 --focal-mm 10 --pixel-um 10 "
+  run("calibrate dark_first.fits --dark dark_first.fits --pitch-um 80 --focal-mm 2.5 --pixel-um 10 "
       "--wavelength-nm 633 --out named.fits");
   const Image<float> dark = read_sensor(*folder_ / "named.fits").dark_adu;
   ASSERT_FALSE(dark.empty());
@@ -163,7 +163,7 @@ TEST_F(ForeignFiles, OverscanIsLeftOutByDatasecOrByRegion) {
   write_overscan("section.fits", true);
   write_overscan("plain.fits", false);
   const std::string optics =
-      " --pitch-um 80 --focal-mm 10 --pixel-um 10 --wavelength-nm 633 --out ";
+      " --pitch-um 80 --focal-mm 2.5 --pixel-um 10 --wavelength-nm 633 --out ";
   std::string region = "--region ";
   region += std::to_string(kOverscan) + ",0," + std::to_string(cols_) + "," + std::to_string(rows_);
   run("calibrate section.fits" + optics + "s1.fits");
