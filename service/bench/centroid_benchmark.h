@@ -1,4 +1,4 @@
-// This benchmark times the pipeline's kernel from pixels to centroids, beside plain loops in C and
+// This benchmark times the pipeline's stage from pixels to centroids, beside plain loops in C and
 // beside only reading the frame, all in the same rounds.
 #pragma once
 
@@ -27,12 +27,13 @@ struct PlainMaps {
 
 /// Says how long one frame takes.
 struct CentroidTimes {
-  /// The kernel as the pipeline runs it, with dark, flat, bad pixels, threshold, moments to second
-  /// order and variances.
-  RoundTimes curlew;
-  RoundTimes curlew_without_maps;  ///< the same for a sensor without dark, flat and bad pixels
-  RoundTimes plain_windows;        ///< PlainOrder::kWindows, with the same maps
-  RoundTimes plain_rows;           ///< PlainOrder::kRows, with the same maps
+  RoundTimes curlew;  ///< the stage as the pipeline runs it by default
+  /// find_centroids() alone, at the calibration's level: dark, flat, bad pixels, threshold, moments
+  /// to second order and variances.
+  RoundTimes kernel;
+  RoundTimes kernel_without_maps;  ///< the same for a sensor without dark, flat and bad pixels
+  RoundTimes plain_windows;        ///< PlainOrder::kWindows, with the maps
+  RoundTimes plain_rows;           ///< PlainOrder::kRows, with the maps
   RoundTimes read;                 ///< the sum of all pixels
 };
 

@@ -52,10 +52,11 @@ TEST(BenchCommands, Centroid) {
       EXPECT_TRUE(entry["build"][loop].is_string()) << loop;
     for (const char* memory : {"warm", "cold"}) {
       for (const char* name :
-           {"curlew", "curlew_without_maps", "plain_windows", "plain_rows", "read"})
+           {"curlew", "kernel", "kernel_without_maps", "plain_windows", "plain_rows", "read"})
         expect_times(entry[memory], name);
       for (const char* name :
-           {"curlew_over_plain_windows", "curlew_over_plain_rows", "curlew_over_read"})
+           {"curlew_over_plain_windows", "curlew_over_plain_rows", "curlew_over_read",
+            "kernel_over_plain_windows", "kernel_over_plain_rows", "kernel_over_read"})
         expect_number(entry[memory], name);
     }
   }
