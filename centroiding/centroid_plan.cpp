@@ -103,21 +103,13 @@ double default_spot_sigma_px(const Sensor& sensor) {
 
 double or_zero(double value) { return std::isfinite(value) ? value : 0.0; }
 
-// Returns whether pixel i of the frame is bad. A pixel without a usable dark or response is as bad
-// as one that the sensor declares bad.
-bool is_bad(const Sensor& sensor, std::size_t i) {
-  if (!sensor.bad_pixel.empty() && sensor.bad_pixel[i] != 0) return true;
-  if (!sensor.dark_adu.empty() && !std::isfinite(sensor.dark_adu[i])) return true;
-  return !sensor.flat.empty() && !(std::isfinite(sensor.flat[i]) && sensor.flat[i] > 0.0F);
-}
-
 bool window_is_bad(const Sensor& sensor, const Window& window, double max_bad_fraction) {
   int bad = 0;
   for (int y = window.y0; y < window.y0 + window.h; ++y) {
     for (int x = window.x0; x < window.x0 + window.w; ++x) {
       const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(sensor.frame_cols) +
                      static_cast<std::size_t>(x);
-      bad += is_bad(sensor, i) ? 1 : 0;
+      bad += is_bad_pixel(sensor, i) ? 1 : 0;
     }
   }
   return bad > max_bad_fraction * window.w * window.h;
@@ -244,7 +236,7 @@ struct FoldedPixel {
 /// Folds dark, flat and threshold of pixel i of the frame. A bad pixel has gain 0.
 FoldedPixel fold_pixel(const Sensor& sensor, const CountScale& scale, double threshold,
                        std::size_t i) {
-  if (is_bad(sensor, i)) return {.gain = 0.0F, .offset = static_cast<float>(threshold)};
+  if (is_bad_pixel(sensor, i)) return {.gain = 0.0F, .offset = static_cast<float>(threshold)};
   const double response = sensor.flat.empty() ? 1.0 : static_cast<double>(sensor.flat[i]);
   const double dark =
       sensor.dark_adu.empty() ? sensor.background_adu : static_cast<double>(sensor.dark_adu[i]);

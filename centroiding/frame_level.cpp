@@ -14,12 +14,6 @@ namespace {
 
 constexpr std::size_t kMaxResiduals = 2048;  // The median of so many scatters by 2 %.
 
-bool is_good(const Sensor& sensor, std::size_t i) {
-  if (!sensor.bad_pixel.empty() && sensor.bad_pixel[i] != 0) return false;
-  if (!sensor.dark_adu.empty() && !std::isfinite(sensor.dark_adu[i])) return false;
-  return sensor.flat.empty() || (std::isfinite(sensor.flat[i]) && sensor.flat[i] > 0.0F);
-}
-
 /// Returns the good pixel next to (x, y), within a reach; −1 where there is none.
 std::int32_t good_pixel_near(const Sensor& sensor, int x, int y, int reach) {
   for (int distance = 0; distance <= reach; ++distance) {
@@ -29,7 +23,7 @@ std::int32_t good_pixel_near(const Sensor& sensor, int x, int y, int reach) {
         const int column = std::clamp(x + dx, 0, sensor.frame_cols - 1);
         const int row = std::clamp(y + dy, 0, sensor.frame_rows - 1);
         const int i = row * sensor.frame_cols + column;
-        if (is_good(sensor, as_size(i))) return i;
+        if (!is_bad_pixel(sensor, as_size(i))) return i;
       }
     }
   }

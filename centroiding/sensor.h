@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 
@@ -73,6 +74,14 @@ inline void add_bad_pixels(Sensor& sensor, const Image<std::uint8_t>& bad) {
   if (sensor.bad_pixel.empty()) sensor.bad_pixel = Image<std::uint8_t>(bad.rows(), bad.cols());
   for (std::size_t i = 0; i < std::min(bad.size(), sensor.bad_pixel.size()); ++i)
     sensor.bad_pixel[i] = sensor.bad_pixel[i] != 0 || bad[i] != 0 ? 1 : 0;
+}
+
+/// Returns whether pixel i of the frame is bad. A pixel without a usable dark or response is as bad
+/// as one that the sensor declares bad.
+inline bool is_bad_pixel(const Sensor& sensor, std::size_t i) {
+  if (!sensor.bad_pixel.empty() && sensor.bad_pixel[i] != 0) return true;
+  if (!sensor.dark_adu.empty() && !std::isfinite(sensor.dark_adu[i])) return true;
+  return !sensor.flat.empty() && !(std::isfinite(sensor.flat[i]) && sensor.flat[i] > 0.0F);
 }
 
 }  // namespace curlew

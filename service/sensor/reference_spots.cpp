@@ -18,8 +18,7 @@
 namespace curlew {
 namespace {
 
-constexpr std::size_t kStates = 6;  // the number of values of LensletState
-constexpr std::array<const char*, kStates> kReasons = {
+constexpr std::array<const char*, kLensletStates> kReasons = {
     "", "unlit", "too faint", "saturated", "at their window's edge", "on bad pixels"};
 
 struct Sums {
@@ -27,7 +26,7 @@ struct Sums {
   double y = 0.0;
   double flux = 0.0;
   double variance_px2 = 0.0;  ///< of the spot, along an axis
-  std::array<int, kStates> states{};
+  std::array<int, kLensletStates> states{};
 };
 
 }  // namespace
@@ -65,7 +64,7 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
 
   if (interrupted()) throw Failure("interrupted, no sensor file was written");
   ReferenceReport report;
-  std::array<int, kStates> reasons{};
+  std::array<int, kLensletStates> reasons{};
   std::vector<double> sigmas_px;
   int left = 0;
   for (std::size_t k = 0; k < sums.size(); ++k) {
@@ -85,7 +84,7 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
     ++report.dropped;
     drop_lenslet(sensor, k);
   }
-  for (std::size_t i = 1; i < kStates; ++i)
+  for (std::size_t i = 1; i < kLensletStates; ++i)
     if (reasons[i] > 0)
       report.text +=
           fmt::format("{}{} {}", report.text.empty() ? "" : ", ", reasons[i], kReasons[i]);
