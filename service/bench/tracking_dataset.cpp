@@ -91,7 +91,7 @@ std::optional<FieldSequence> read_part(const SequenceParameters& parameters,
     file.read_column<double>("X", 0, x);
     file.read_column<double>("Y", 0, y);
     file.read_column<std::int32_t>("CHARGE", 0, charge);
-    sequence.vortices.resize(as_size(kPartFrames * parameters.steps));
+    sequence.vortices.resize(as_size(kPartFrames) * as_size(parameters.steps));
     for (std::size_t i = 0; i < n; ++i)
       sequence.vortices.at(as_size(step[i])).push_back({x[i], y[i], charge[i], 0.0, 0.0});
     return sequence;
@@ -138,7 +138,7 @@ void cut(const FieldSequence& all, const SequenceParameters& parameters, int arr
     sequence.light[frame] = std::move(light);
   }
   for (std::size_t i = 0; i < all.vortices.size(); ++i) {
-    const std::size_t step = as_size(first * parameters.steps) + i;
+    const std::size_t step = as_size(first) * as_size(parameters.steps) + i;
     if (step >= sequence.vortices.size()) break;
     for (SceneVortex vortex : all.vortices[i]) {
       vortex.x -= col;
@@ -176,10 +176,10 @@ std::vector<FieldSequence> read_or_simulate(const SequenceParameters& parameters
   if (parameters.steps < 1 || parameters.arrays < 1)
     throw UsageError("arrays and steps must be 1 or more");
   make_cache_folder(folder);
-  std::vector<FieldSequence> sequences(as_size(parameters.arrays * parameters.arrays));
+  std::vector<FieldSequence> sequences(as_size(parameters.arrays) * as_size(parameters.arrays));
   for (FieldSequence& sequence : sequences) {
     sequence.light.resize(as_size(frames));
-    sequence.vortices.resize(as_size(frames * parameters.steps));
+    sequence.vortices.resize(as_size(frames) * as_size(parameters.steps));
   }
   std::mutex stepping;
   for_each_in_parallel(sequence_parts(frames), threads, [&](int part, int) {

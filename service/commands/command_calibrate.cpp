@@ -134,7 +134,7 @@ int common_step(const std::string& path, const FrameSelection& selection) {
   FrameBuffer frame(source.format());
   if (source.next(frame) != Delivery::kFrame) return 1;
   const FrameView view = frame.view();
-  const std::uint16_t* pixels = view.data<std::uint16_t>();
+  const auto* pixels = view.data<std::uint16_t>();
   const auto n = static_cast<std::size_t>(view.rows) * static_cast<std::size_t>(view.cols);
   unsigned bits = 0;
   for (std::size_t i = 0; i < n; ++i) bits |= pixels[i];
