@@ -121,11 +121,10 @@ class Reader {
   Reader(const CentroidPlan& plan, const Pixel* pixels, const CentroidPlan::Spot& spot, int start,
          float raised)
       : pixels_(pixels + spot.y0 * plan.frame_cols + start),
-        gain_(kMaps ? plan.gain.data() + spot.map + (start - spot.x0) : nullptr),
-        offset_(kMaps ? plan.offset.data() + spot.map + (start - spot.x0) : nullptr),
+        gain_(kMaps ? plan.gain.data() + spot.y0 * plan.frame_cols + start : nullptr),
+        offset_(kMaps ? plan.offset.data() + spot.y0 * plan.frame_cols + start : nullptr),
         level_(hn::Set(D(), kMaps ? raised : plan.uniform_offset + raised)),
-        frame_cols_(plan.frame_cols),
-        map_cols_(spot.w) {}
+        frame_cols_(plan.frame_cols) {}
 
   struct Calibrated {
     V count;  ///< 0 where the pixel is bad
@@ -139,8 +138,8 @@ class Reader {
     if constexpr (kMaps) {
       const V gain = hn::LoadU(d, gain_);
       const V signal = hn::MulSub(count, gain, hn::Add(hn::LoadU(d, offset_), level_));
-      gain_ += map_cols_;
-      offset_ += map_cols_;
+      gain_ += frame_cols_;
+      offset_ += frame_cols_;
       return {hn::IfThenElseZero(hn::Gt(gain, hn::Zero(d)), count), gain, signal};
     } else {
       return {count, count, hn::Sub(count, level_)};
@@ -153,7 +152,6 @@ class Reader {
   const float* offset_;
   V level_;
   std::ptrdiff_t frame_cols_;
-  std::ptrdiff_t map_cols_;
 };
 
 /// A Chunk is the columns of a window that one vector covers. Near the frame's right rim the vector
@@ -311,14 +309,9 @@ void replace_pixel(const CentroidPlan& plan, const Pixel* pixels, const Centroid
                    const SharpPixel& sharp, WindowSums& sums) noexcept {
   // What is left of less than this part of a pixel is rounding.
   constexpr float kRounding = 1e-4F;
-  float gain = 1.0F;
-  float offset = plan.uniform_offset;
-  if (!plan.gain.empty()) {
-    const auto i = static_cast<std::size_t>(sharp.y - spot.y0) * static_cast<std::size_t>(spot.w) +
-                   static_cast<std::size_t>(sharp.x - spot.x0);
-    gain = plan.gain[spot.map + i];
-    offset = plan.offset[spot.map + i];
-  }
+  const bool maps = !plan.gain.empty();
+  const float gain = maps ? plan.gain(sharp.y, sharp.x) : 1.0F;
+  const float offset = maps ? plan.offset(sharp.y, sharp.x) : plan.uniform_offset;
   const auto signal = [&](float count) {
     return std::max(gain * count - (offset + sums.raised), 0.0F);
   };
@@ -399,14 +392,21 @@ void finish(const CentroidPlan& plan, const CentroidPlan::Spot& spot, const Wind
 
 template <typename Pixel, bool kMaps>
 void measure_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
-                  const PixelModel& model, const SharpPixels* sharp, Centroids& out) {
+                  const PixelModel& model, const FrameConditions& conditions, Centroids& out) {
   const auto* pixels = frame.data<Pixel>();
+  const SharpPixels* sharp = conditions.sharp;
+  const Image<CentroidPlan::Spot>& windows = windows_of(plan, conditions);
   const auto cols = static_cast<std::size_t>(plan.spots.cols());
   for (std::size_t k = static_cast<std::size_t>(first) * cols;
        k < static_cast<std::size_t>(last) * cols; ++k) {
-    const CentroidPlan::Spot& spot = plan.spots[k];
-    if (spot.state == LensletState::kUnlit) {
-      clear(out, k, LensletState::kUnlit, 0.0F);
+    if (conditions.only != nullptr) {
+      if ((*conditions.only)[k] == 0) continue;
+      out.n_valid -= out.state[k] == LensletState::kValid ? 1 : 0;
+      out.n_saturated -= out.state[k] == LensletState::kSaturated ? 1 : 0;
+    }
+    const CentroidPlan::Spot& spot = windows[k];
+    if (spot.state == LensletState::kUnlit || spot.state == LensletState::kLost) {
+      clear(out, k, spot.state, 0.0F);
       continue;
     }
     // This is the narrowest vector that holds the window, but never wider than the frame.
@@ -429,15 +429,15 @@ void measure_rows(const CentroidPlan& plan, FrameView frame, int first, int last
 }
 
 void measure(const CentroidPlan& plan, FrameView frame, int first, int last,
-             const FrameLevels* levels, const SharpPixels* sharp, Centroids& out) {
+             const FrameConditions& conditions, Centroids& out) {
   const bool maps = !plan.gain.empty();
-  const PixelModel model(plan, levels);
+  const PixelModel model(plan, conditions.levels);
   if (frame.pixel_type == PixelType::kU16) {
-    maps ? measure_rows<std::uint16_t, true>(plan, frame, first, last, model, sharp, out)
-         : measure_rows<std::uint16_t, false>(plan, frame, first, last, model, sharp, out);
+    maps ? measure_rows<std::uint16_t, true>(plan, frame, first, last, model, conditions, out)
+         : measure_rows<std::uint16_t, false>(plan, frame, first, last, model, conditions, out);
   } else {
-    maps ? measure_rows<std::uint8_t, true>(plan, frame, first, last, model, sharp, out)
-         : measure_rows<std::uint8_t, false>(plan, frame, first, last, model, sharp, out);
+    maps ? measure_rows<std::uint8_t, true>(plan, frame, first, last, model, conditions, out)
+         : measure_rows<std::uint8_t, false>(plan, frame, first, last, model, conditions, out);
   }
 }
 
@@ -451,20 +451,19 @@ namespace curlew {
 HWY_EXPORT(measure);
 
 void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
-                         Centroids& centroids, const FrameLevels* levels,
-                         const SharpPixels* sharp) noexcept {
+                         Centroids& centroids, const FrameConditions& conditions) noexcept {
   check_size("find_centroids", "a frame", {frame.rows, frame.cols},
              {plan.frame_rows, plan.frame_cols});
   check_size("find_centroids", "centroids", size_of(centroids.state), size_of(plan.spots));
-  if (first == 0) centroids.n_valid = centroids.n_saturated = 0;
-  HWY_DYNAMIC_DISPATCH(measure)(plan, frame, first, last, levels, sharp, centroids);
+  if (first == 0 && conditions.only == nullptr) centroids.n_valid = centroids.n_saturated = 0;
+  HWY_DYNAMIC_DISPATCH(measure)(plan, frame, first, last, conditions, centroids);
   if (!is_centre_of_gravity(plan.method))
-    find_positions(plan, frame, first, last, centroids, levels, sharp);
+    find_positions(plan, frame, first, last, centroids, conditions);
 }
 
 void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
-                    const FrameLevels* levels, const SharpPixels* sharp) noexcept {
-  find_centroids_rows(plan, frame, 0, plan.spots.rows(), centroids, levels, sharp);
+                    const FrameConditions& conditions) noexcept {
+  find_centroids_rows(plan, frame, 0, plan.spots.rows(), centroids, conditions);
 }
 
 }  // namespace curlew

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "centroiding/centroid_method.h"
@@ -31,6 +32,9 @@ struct CentroidOptions {
   /// The level between the spots, and its noise, are those of every frame (frame_level.h). Where
   /// false they are those of the calibration.
   bool follow_level = true;
+  /// The windows follow the spots (window_follower.h). Where false they stay where the calibration
+  /// put them. Has no effect without follow_level.
+  bool follow_windows = true;
 
   /// This says how positions are found; centroid_methods.h describes all methods but the two
   /// centres of gravity. Flux and second moments are always those above T. For kPlain, T is 0.
@@ -71,7 +75,6 @@ struct CentroidPlan {
     float max_x = 0;
     float min_y = 0;
     float max_y = 0;
-    std::size_t map = 0;  ///< index of the window's first pixel in gain and offset
     /// This is what is known before any frame: kUnlit, kBadPixels or kValid.
     LensletState state = LensletState::kUnlit;
   };
@@ -85,13 +88,10 @@ struct CentroidPlan {
   PixelType pixel_type = PixelType::kU16;
 
   // A pixel's signal is max(gain·count − offset, 0) with offset = gain·dark + T. Bad pixels have
-  // gain 0. The maps hold one window [h, w] after another, in the order in which the kernel reads
-  // them, so that memory is read straight on. Both are empty where neither dark, flat nor bad
-  // pixels are known; then the gain is 1 and the offset uniform. The kernel may load up to
-  // kMapMargin values before and after the maps, but never uses them.
-  static constexpr std::size_t kMapMargin = 16;
-  AlignedVector<float> gain;
-  AlignedVector<float> offset;
+  // gain 0. The maps are [frame_rows, frame_cols]. Both are empty where neither dark, flat nor bad
+  // pixels are known; then the gain is 1 and the offset uniform.
+  Image<float> gain;
+  Image<float> offset;
   float uniform_offset = 0;
 
   float threshold = 0;  ///< T in counts, without the relative threshold
@@ -114,6 +114,23 @@ struct CentroidPlan {
   std::vector<int> rows_needed_;
 };
 
+/// This is what is known of the frame at hand. Null stands for what the calibration says.
+struct FrameConditions {
+  const FrameLevels* levels = nullptr;  ///< its level and noise, which T follows
+  /// The pixels of this list do not enter the sums, but what count_instead() says of them does.
+  const SharpPixels* sharp = nullptr;
+  const Image<CentroidPlan::Spot>* windows = nullptr;  ///< where the windows are; else plan.spots
+  /// Where this is not null, only lenslets that are nonzero in it are measured, and all others keep
+  /// what was measured before.
+  const Image<std::uint8_t>* only = nullptr;
+};
+
+/// Returns where the windows are, [rows, cols] of lenslets.
+inline const Image<CentroidPlan::Spot>& windows_of(const CentroidPlan& plan,
+                                                   const FrameConditions& conditions) noexcept {
+  return conditions.windows != nullptr ? *conditions.windows : plan.spots;
+}
+
 /// Measures every lenslet's spot. The list below describes the centres of gravity;
 /// centroid_methods.h describes the other methods. The frame must be of the plan's format, and the
 /// maps of `centroids` must be of the size of plan.spots. Here v is the signal of a pixel of the
@@ -127,20 +144,14 @@ struct CentroidPlan {
 ///   many bad pixels. Faint spots and those at the edge keep what was measured. All others that are
 ///   not valid hold zeros, except for their flux.
 ///
-/// The same pixels and the same plan always give the same bits.
-///
-/// `levels` holds the frame's level and noise, and T follows them; without it they are those of the
-/// calibration. The pixels of `sharp` do not enter the
-/// sums, but what count_instead() says of them does.
+/// The same pixels, plan and conditions always give the same bits.
 void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
-                    const FrameLevels* levels = nullptr,
-                    const SharpPixels* sharp = nullptr) noexcept;
+                    const FrameConditions& conditions = {}) noexcept;
 
 /// Measures lenslet rows [first, last) only, for frames that are still arriving. It reads the
 /// frame's first plan.frame_rows_needed(last − 1) rows and no more. The rows must be measured in
 /// ascending order, because n_valid and n_saturated start again at row 0.
 void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
-                         Centroids& centroids, const FrameLevels* levels = nullptr,
-                         const SharpPixels* sharp = nullptr) noexcept;
+                         Centroids& centroids, const FrameConditions& conditions = {}) noexcept;
 
 }  // namespace curlew

@@ -20,16 +20,17 @@ HWY_BEFORE_NAMESPACE();
 namespace curlew::HWY_NAMESPACE {
 namespace {
 
-void find(const CentroidPlan& plan, FrameView frame, int first, int last, const FrameLevels* levels,
-          const SharpPixels* sharp, Centroids& out) {
+void find(const CentroidPlan& plan, FrameView frame, int first, int last,
+          const FrameConditions& conditions, Centroids& out) {
   alignas(64) WindowBuffer light;  // It is not cleared, for only what is loaded is read.
   alignas(64) GroupPositions found;
   const std::size_t lanes = lane_count();
   WindowGroup group;
-  const float pixel_variance = levels != nullptr ? levels->pixel_variance : plan.pixel_variance;
+  const float pixel_variance =
+      conditions.levels != nullptr ? conditions.levels->pixel_variance : plan.pixel_variance;
   const auto measure = [&] {
-    describe_windows(plan, out, lanes, group);
-    load_windows(plan, frame, group, lanes, levels, sharp, light.data());
+    describe_windows(plan, conditions, out, lanes, group);
+    load_windows(plan, frame, group, lanes, conditions, light.data());
     const Windows windows{group,   light.data(),           group.w,
                           group.h, set(plan.counts_per_e), set(pixel_variance)};
     switch (plan.method) {
@@ -46,12 +47,13 @@ void find(const CentroidPlan& plan, FrameView frame, int first, int last, const 
         find_weighted(plan, windows, plan.reference_pull, found);
     }
     for (std::size_t lane = 0; lane < group.n; ++lane)
-      adopt_position(plan, found, lane, group.lenslet[lane], out);
+      adopt_position(plan, conditions, found, lane, group.lenslet[lane], out);
     group.n = 0;
   };
   const auto cols = static_cast<std::size_t>(plan.spots.cols());
   for (std::size_t k = static_cast<std::size_t>(first) * cols;
        k < static_cast<std::size_t>(last) * cols; ++k) {
+    if (conditions.only != nullptr && (*conditions.only)[k] == 0) continue;
     if (out.state[k] != LensletState::kValid && out.state[k] != LensletState::kFaint) continue;
     group.lenslet[group.n++] = k;
     if (group.n == lanes) measure();
@@ -69,9 +71,8 @@ namespace curlew {
 HWY_EXPORT(find);
 
 void find_positions(const CentroidPlan& plan, FrameView frame, int first, int last,
-                    Centroids& centroids, const FrameLevels* levels,
-                    const SharpPixels* sharp) noexcept {
-  HWY_DYNAMIC_DISPATCH(find)(plan, frame, first, last, levels, sharp, centroids);
+                    Centroids& centroids, const FrameConditions& conditions) noexcept {
+  HWY_DYNAMIC_DISPATCH(find)(plan, frame, first, last, conditions, centroids);
 }
 
 }  // namespace curlew

@@ -13,8 +13,8 @@ inline constexpr int kMaxBrightestPixels = 64;
 /// Replaces the positions and their noise in lenslet rows [first, last), which the threshold's
 /// kernel has measured, by those of plan.method. Flux and second moments stay those above the
 /// threshold. Lenslets that are saturated, at their window's edge or bad keep what the kernel
-/// found. `levels` is that of find_centroids(). In this step all pixels of the window count, I =
-/// gain·(count − dark), and not only those above T. Here p is a pixel, g the Gaussian exp(−(p −
+/// found. `conditions` are those of find_centroids(). In this step all pixels of the window count,
+/// I = gain·(count − dark), and not only those above T. Here p is a pixel, g the Gaussian exp(−(p −
 /// x)²/2s²) about the position x, and r the reference.
 ///
 /// - kWeighted (M. Nicolle et al., Opt. Lett. 29, 2743, 2004; here the weight follows the spot)
@@ -41,7 +41,6 @@ inline constexpr int kMaxBrightestPixels = 64;
 /// found it faint, the moments are the Gaussian's. Where no pixel exceeds T, the flux is that of a
 /// Gaussian spot with the method's signal.
 void find_positions(const CentroidPlan& plan, FrameView frame, int first, int last,
-                    Centroids& centroids, const FrameLevels* levels,
-                    const SharpPixels* sharp) noexcept;
+                    Centroids& centroids, const FrameConditions& conditions) noexcept;
 
 }  // namespace curlew

@@ -198,21 +198,16 @@ CentroidPlan::Spot make_spot(const Sensor& sensor, int row, int col,
   return spot;
 }
 
-/// Gives every lit lenslet its spot and a place in the maps. Returns where the last place ends.
-std::size_t place_spots(const Sensor& sensor, const CentroidOptions& options,
-                        Image<CentroidPlan::Spot>& spots) {
-  std::size_t map_end = CentroidPlan::kMapMargin;
+/// Gives every lit lenslet its spot.
+void place_spots(const Sensor& sensor, const CentroidOptions& options,
+                 Image<CentroidPlan::Spot>& spots) {
   for (int row = 0; row < spots.rows(); ++row) {
     for (int col = 0; col < spots.cols(); ++col) {
       if (sensor.valid(row, col) == 0) continue;
       check_window(sensor, row, col);
-      CentroidPlan::Spot& spot = spots(row, col);
-      spot = make_spot(sensor, row, col, options);
-      spot.map = map_end;
-      map_end += static_cast<std::size_t>(spot.w) * static_cast<std::size_t>(spot.h);
+      spots(row, col) = make_spot(sensor, row, col, options);
     }
   }
-  return map_end;
 }
 
 /// Returns how many rows of the frame each lenslet row needs, all lenslet rows before it included:
@@ -244,24 +239,16 @@ FoldedPixel fold_pixel(const Sensor& sensor, const CountScale& scale, double thr
           .offset = static_cast<float>(scale.counts(dark) / response + threshold)};
 }
 
-/// Fills gain and offset of all windows. Both stay empty where the sensor has no maps.
-void fold_maps(const Sensor& sensor, const CountScale& scale, double threshold, std::size_t map_end,
+/// Fills gain and offset. Both stay empty where the sensor has no maps.
+void fold_maps(const Sensor& sensor, const CountScale& scale, double threshold,
                CentroidPlan& plan) {
   if (sensor.dark_adu.empty() && sensor.flat.empty() && sensor.bad_pixel.empty()) return;
-  plan.gain.resize(map_end + CentroidPlan::kMapMargin);
-  plan.offset.resize(map_end + CentroidPlan::kMapMargin);
-  for (const CentroidPlan::Spot& spot : plan.spots) {
-    if (spot.state == LensletState::kUnlit) continue;
-    std::size_t to = spot.map;
-    for (int y = spot.y0; y < spot.y0 + spot.h; ++y) {
-      for (int x = spot.x0; x < spot.x0 + spot.w; ++x, ++to) {
-        const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(plan.frame_cols) +
-                       static_cast<std::size_t>(x);
-        const FoldedPixel pixel = fold_pixel(sensor, scale, threshold, i);
-        plan.gain[to] = pixel.gain;
-        plan.offset[to] = pixel.offset;
-      }
-    }
+  plan.gain = Image<float>(plan.frame_rows, plan.frame_cols);
+  plan.offset = Image<float>(plan.frame_rows, plan.frame_cols);
+  for (std::size_t i = 0; i < plan.gain.size(); ++i) {
+    const FoldedPixel pixel = fold_pixel(sensor, scale, threshold, i);
+    plan.gain[i] = pixel.gain;
+    plan.offset[i] = pixel.offset;
   }
 }
 
@@ -330,9 +317,9 @@ CentroidPlan::CentroidPlan(const Sensor& sensor, const FrameFormat& format,
   const CountScale scale(sensor.detector, format);
   set_thresholds(sensor, options, scale, *this);
   set_noise(scale, *this);
-  const std::size_t map_end = place_spots(sensor, options, spots);
+  place_spots(sensor, options, spots);
   rows_needed_ = count_rows_needed(spots);
-  fold_maps(sensor, scale, fixed_threshold(options, scale), map_end, *this);
+  fold_maps(sensor, scale, fixed_threshold(options, scale), *this);
   if (!is_centre_of_gravity(method)) prepare_method(sensor, options, scale, *this);
 }
 

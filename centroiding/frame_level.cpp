@@ -14,38 +14,31 @@ namespace {
 
 constexpr std::size_t kMaxResiduals = 2048;  // The median of so many scatters by 2 %.
 
-/// Returns the good pixel next to (x, y), within a reach; −1 where there is none.
-std::int32_t good_pixel_near(const Sensor& sensor, int x, int y, int reach) {
+/// Returns the pixel at (x, y), or a good one within a reach of it. Where there is none, it says
+/// that the level is the calibration's.
+LevelPixel good_pixel_near(const CentroidPlan& plan, int x, int y, int reach) noexcept {
   for (int distance = 0; distance <= reach; ++distance) {
     for (int dy = -distance; dy <= distance; ++dy) {
       for (int dx = -distance; dx <= distance; ++dx) {
         if (std::max(std::abs(dx), std::abs(dy)) != distance) continue;
-        const int column = std::clamp(x + dx, 0, sensor.frame_cols - 1);
-        const int row = std::clamp(y + dy, 0, sensor.frame_rows - 1);
-        const int i = row * sensor.frame_cols + column;
-        if (!is_bad_pixel(sensor, as_size(i))) return i;
+        const int column = std::clamp(x + dx, 0, plan.frame_cols - 1);
+        const int row = std::clamp(y + dy, 0, plan.frame_rows - 1);
+        const int i = row * plan.frame_cols + column;
+        if (plan.gain.empty())
+          return {.index = i, .gain = 1.0F, .offset = plan.uniform_offset - plan.threshold};
+        if (plan.gain[as_size(i)] > 0.0F)
+          return {.index = i,
+                  .gain = plan.gain[as_size(i)],
+                  .offset = plan.offset[as_size(i)] - plan.threshold};
       }
     }
   }
-  return -1;
+  return {};
 }
 
-LevelPlan::Pixel calibrated_pixel(const Sensor& sensor, const FrameFormat& format, int x, int y) {
-  const int reach = std::max(1, static_cast<int>(0.5 * sensor.grid.pitch_px()));
-  const std::int32_t i = good_pixel_near(sensor, x, y, reach);
-  if (i < 0) return {};  // Such a pixel says that the level is the calibration's.
-  const auto at = as_size(i);
-  const double response = sensor.flat.empty() ? 1.0 : static_cast<double>(sensor.flat[at]);
-  const double dark =
-      sensor.dark_adu.empty() ? sensor.background_adu : static_cast<double>(sensor.dark_adu[at]);
-  return {.index = i,
-          .gain = static_cast<float>(1.0 / response),
-          .offset = static_cast<float>((dark - format.zero_adu) / format.scale_adu / response)};
-}
-
-float read_noise_counts(const Sensor& sensor, const FrameFormat& format) {
+float read_noise_counts(const Sensor& sensor, const CentroidPlan& centroid) {
   const double noise_adu = sensor.detector.read_noise_e / sensor.detector.e_per_adu;
-  return std::isfinite(noise_adu) ? static_cast<float>(noise_adu / format.scale_adu) : 0.0F;
+  return std::isfinite(noise_adu) ? static_cast<float>(noise_adu) / centroid.adu_per_count : 0.0F;
 }
 
 float median_of_three(float a, float b, float c) noexcept {
@@ -74,9 +67,9 @@ float block_median(const float* v, int n) noexcept {
 }
 
 template <typename Count>
-void measure_blocks(const LevelPlan& plan, const Count* counts, FrameLevels& levels) noexcept {
+void measure_blocks(const LevelPlan& plan, const LevelPixel* pixel, const Count* counts,
+                    FrameLevels& levels) noexcept {
   const int n = plan.block_pixels();
-  const LevelPlan::Pixel* pixel = plan.pixels().data();
   float* value = levels.values.data();
   for (float& corner : levels.corner) {
     for (int i = 0; i < n; ++i)
@@ -158,34 +151,41 @@ float noise_of(std::span<float> residuals) noexcept {
 
 }  // namespace
 
-LevelPlan::LevelPlan(const Sensor& sensor, const FrameFormat& format,
+LevelPlan::LevelPlan(const Sensor& sensor, const CentroidPlan& centroid,
                      const CentroidOptions& options)
-    : frame_rows_(format.rows),
-      frame_cols_(format.cols),
+    : frame_rows_(centroid.frame_rows),
+      frame_cols_(centroid.frame_cols),
       rows_(sensor.valid.rows()),
       cols_(sensor.valid.cols()),
+      grid_(sensor.grid),
+      block_side_px_(std::max(1, static_cast<int>(std::lround(sensor.grid.pitch_px() / 5.0)))),
+      block_pixels_(std::min(block_side_px_, 3) * std::min(block_side_px_, 3)),
+      pixels_(as_size(rows_ + 1) * as_size(cols_ + 1) * as_size(block_pixels_)),
       plain_(options.method == CentroidMethod::kPlain),
       gain_known_(sensor.detector.e_per_adu > 0.0),
-      fixed_threshold_(static_cast<float>(options.threshold_adu / format.scale_adu)),
-      read_noise_(read_noise_counts(sensor, format)),
+      fixed_threshold_(static_cast<float>(options.threshold_adu) / centroid.adu_per_count),
+      read_noise_(read_noise_counts(sensor, centroid)),
       threshold_noise_(static_cast<float>(options.threshold_noise)) {
-  const LensletGrid& grid = sensor.grid;
-  const int side = std::max(1, static_cast<int>(std::lround(grid.pitch_px() / 5.0)));
-  const int across = std::min(side, 3);  // pixels looked at along an axis
-  block_pixels_ = across * across;
-  pixels_.reserve(as_size(rows_ + 1) * as_size(cols_ + 1) * as_size(block_pixels_));
+  place(centroid, {}, pixels_);
+}
+
+void LevelPlan::place(const CentroidPlan& centroid, const LowOrders& model,
+                      std::vector<LevelPixel>& pixels) const noexcept {
+  const int reach = std::max(1, static_cast<int>(0.5 * grid_.pitch_px()));
+  const int across = std::min(block_side_px_, 3);  // pixels looked at along an axis
+  const double step = across > 1 ? (block_side_px_ - 1.0) / (across - 1) : 0.0;
+  LevelPixel* pixel = pixels.data();
   for (int r = 0; r <= rows_; ++r) {
+    const float v = model_coordinate(static_cast<float>(r) - 0.5F, rows_);
     for (int c = 0; c <= cols_; ++c) {
-      const double x = grid.origin_x_px + grid.p11 * (c - 0.5) + grid.p12 * (r - 0.5);
-      const double y = grid.origin_y_px + grid.p21 * (c - 0.5) + grid.p22 * (r - 0.5);
-      const double step = across > 1 ? (side - 1.0) / (across - 1) : 0.0;
-      for (int i = 0; i < block_pixels_; ++i) {
-        const int column = i % across;
-        const int row = i / across;
-        pixels_.push_back(calibrated_pixel(
-            sensor, format, static_cast<int>(std::lround(x - 0.5 * (side - 1) + step * column)),
-            static_cast<int>(std::lround(y - 0.5 * (side - 1) + step * row))));
-      }
+      const auto [dx, dy] = model.at(model_coordinate(static_cast<float>(c) - 0.5F, cols_), v);
+      const auto [x, y] = grid_.pixel_from_lenslet(c - 0.5, r - 0.5);
+      const double left = x + static_cast<double>(dx) - 0.5 * (block_side_px_ - 1);
+      const double top = y + static_cast<double>(dy) - 0.5 * (block_side_px_ - 1);
+      for (int i = 0; i < block_pixels_; ++i)
+        *pixel++ =
+            good_pixel_near(centroid, static_cast<int>(std::lround(left + step * (i % across))),
+                            static_cast<int>(std::lround(top + step * (i / across))), reach);
     }
   }
 }
@@ -197,14 +197,15 @@ FrameLevels::FrameLevels(const LevelPlan& plan)
       values(plan.pixels().size()),
       residuals(std::min(values.size(), kMaxResiduals) + 1) {}
 
-void measure_levels(const LevelPlan& plan, FrameView frame, FrameLevels& levels) noexcept {
+void measure_levels(const LevelPlan& plan, const std::vector<LevelPixel>& pixels, FrameView frame,
+                    FrameLevels& levels) noexcept {
   check_size("measure_levels", "a frame", {frame.rows, frame.cols},
              {plan.frame_rows(), plan.frame_cols()});
   check_size("measure_levels", "levels", size_of(levels.level), size_of(plan));
   if (frame.pixel_type == PixelType::kU16)
-    measure_blocks(plan, frame.data<std::uint16_t>(), levels);
+    measure_blocks(plan, pixels.data(), frame.data<std::uint16_t>(), levels);
   else
-    measure_blocks(plan, frame.data<std::uint8_t>(), levels);
+    measure_blocks(plan, pixels.data(), frame.data<std::uint8_t>(), levels);
   for (int r = 0; r < plan.rows(); ++r) {
     const float* upper = &levels.corner(r, 0);
     const float* lower = &levels.corner(r + 1, 0);

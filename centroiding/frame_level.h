@@ -7,36 +7,42 @@
 #include <vector>
 
 #include "centroiding/centroid.h"
+#include "centroiding/low_orders.h"
 #include "centroiding/sensor.h"
 #include "core/frame.h"
 #include "core/image.h"
 
 namespace curlew {
 
-/// Says which pixels the level is measured in: a block at every corner between lenslets, where a
-/// spot gives the least light. Const after construction, shared by threads.
+/// A pixel in which the level is measured. Its value above the calibration's dark is gain·count −
+/// offset, in counts.
+struct LevelPixel {
+  std::int32_t index = 0;  ///< in the frame
+  float gain = 0;
+  float offset = 0;
+};
+
+/// Says where the level is measured: in a block at every corner between lenslets, where a spot
+/// gives the least light. Const after construction, shared by threads.
 class LevelPlan {
  public:
-  /// A block's side is a fifth of a pitch, and at most this many of its pixels are looked at.
-  static constexpr int kMaxBlockPixels = 9;
+  /// Takes a sensor and options that `centroid` was made of. A block's side is a fifth of a pitch,
+  /// and at most nine of its pixels are looked at.
+  LevelPlan(const Sensor& sensor, const CentroidPlan& centroid, const CentroidOptions& options);
 
-  /// Takes a sensor, a format and options that CentroidPlan takes.
-  LevelPlan(const Sensor& sensor, const FrameFormat& format, const CentroidOptions& options);
+  /// Sets the pixels of all blocks where the spots are moved by the model's displacements. Bad
+  /// pixels are replaced by good ones near by, and corners beyond the frame by its rim. `pixels`
+  /// must be of the size of pixels().
+  void place(const CentroidPlan& centroid, const LowOrders& model,
+             std::vector<LevelPixel>& pixels) const noexcept;
 
   int frame_rows() const { return frame_rows_; }
   int frame_cols() const { return frame_cols_; }
   int rows() const { return rows_; }  ///< lenslets
   int cols() const { return cols_; }
 
-  /// A pixel of a block: its value above the calibration's dark is gain·count − offset, in counts.
-  struct Pixel {
-    std::int32_t index = 0;  ///< in the frame
-    float gain = 0;
-    float offset = 0;
-  };
-  /// [rows + 1, cols + 1] corners, each with block_pixels() pixels. Bad pixels are replaced by good
-  /// ones near by, and corners beyond the frame by its rim.
-  const std::vector<Pixel>& pixels() const { return pixels_; }
+  /// [rows + 1, cols + 1] corners, each with block_pixels() pixels, where no spot is moved.
+  const std::vector<LevelPixel>& pixels() const { return pixels_; }
   int block_pixels() const { return block_pixels_; }
 
   /// T for frames of this noise, in counts; see CentroidOptions. It is never lower than the read
@@ -56,8 +62,10 @@ class LevelPlan {
   int frame_cols_;
   int rows_;
   int cols_;
+  LensletGrid grid_;
+  int block_side_px_;
   int block_pixels_ = 0;
-  std::vector<Pixel> pixels_;
+  std::vector<LevelPixel> pixels_;
   bool plain_;
   bool gain_known_;
   float fixed_threshold_;  ///< counts
@@ -81,12 +89,14 @@ struct FrameLevels {
   std::vector<float> residuals;
 };
 
-/// Measures the level and the noise of one frame, of the plan's format. Never allocates.
+/// Measures the level and the noise of one frame, of the plan's format, in the pixels that
+/// LevelPlan::place() gave. Never allocates.
 ///
 /// A block's value is its median, a lenslet's that of its four blocks, and these are smoothed by a
 /// median over five lenslets down and then across, of fewer near the rim so that a gradient stays
 /// what it is. Spots, hot pixels and cosmic rays that reach less than half of the blocks do not
 /// count. The noise is the rms of the blocks' pixels about the level, beyond 3 σ cut off.
-void measure_levels(const LevelPlan& plan, FrameView frame, FrameLevels& levels) noexcept;
+void measure_levels(const LevelPlan& plan, const std::vector<LevelPixel>& pixels, FrameView frame,
+                    FrameLevels& levels) noexcept;
 
 }  // namespace curlew

@@ -119,24 +119,18 @@ float count_at(FrameView frame, int x, int y) noexcept {
                                              : static_cast<float>(frame.data<std::uint8_t>()[i]);
 }
 
-/// Returns the pixel's light above the lenslet's level, in counts; 0 for a bad pixel. A neighbour
-/// beyond the window has the dark of the window's nearest pixel.
-float light_at(const CentroidPlan& plan, const CentroidPlan::Spot& spot, FrameView frame,
-               float level, int x, int y) noexcept {
+/// Returns the pixel's light above the lenslet's level, in counts; 0 for a bad pixel.
+float light_at(const CentroidPlan& plan, FrameView frame, float level, int x, int y) noexcept {
   const float count = count_at(frame, x, y);
   if (plan.gain.empty()) return count - (plan.uniform_offset - plan.threshold + level);
-  const int row = std::clamp(y - spot.y0, 0, spot.h - 1);
-  const int col = std::clamp(x - spot.x0, 0, spot.w - 1);
-  const std::size_t i = spot.map + as_size(row) * as_size(spot.w) + as_size(col);
-  if (!(plan.gain[i] > 0.0F)) return 0.0F;
-  return plan.gain[i] * count - (plan.offset[i] - plan.threshold + level);
+  const float gain = plan.gain(y, x);
+  return gain > 0.0F ? gain * count - (plan.offset(y, x) - plan.threshold + level) : 0.0F;
 }
 
 bool is_sharp(const SharpPixelPlan& plan, const CentroidPlan& centroid, FrameView frame,
               const FrameLevels& levels, std::size_t k, int x, int y) noexcept {
-  const CentroidPlan::Spot& spot = centroid.spots[k];
   const auto light = [&](int at_x, int at_y) {
-    return light_at(centroid, spot, frame, levels.level[k], at_x, at_y);
+    return light_at(centroid, frame, levels.level[k], at_x, at_y);
   };
   const float here = light(x, y);
   const float second =
@@ -177,15 +171,12 @@ SharpPixels::SharpPixels(int rows, int cols)
       candidates(pixels.capacity()),
       first(rows, cols, -1) {}
 
-void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid, FrameView frame,
+void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
+                       const Image<CentroidPlan::Spot>& windows, FrameView frame,
                        const FrameLevels& levels, SharpPixels& sharp) noexcept {
   check_size("find_sharp_pixels", "a frame", {frame.rows, frame.cols},
              {centroid.frame_rows, centroid.frame_cols});
-  check_size("find_sharp_pixels", "lenslets", size_of(sharp.first), size_of(centroid.spots));
-  sharp.pixels.clear();
   sharp.candidates.clear();
-  sharp.first.fill(-1);
-  if (plan.sharpness == 0.0F) return;
   // Above a dark level L, light > q·second + m is count > q·second + m − (q − 1)·L. The highest L
   // makes the rough test let through all of these. Since no light counts as less than 0, each of
   // them also exceeds its second brightest neighbour by m, which noise hardly ever does.
@@ -193,14 +184,33 @@ void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
   const RoughTest test{.sharpness = plan.sharpness,
                        .dark = (plan.sharpness - 1.0F) * (plan.dark + highest),
                        .margin = kSigmas * std::sqrt(levels.pixel_variance)};
-  HWY_DYNAMIC_DISPATCH(look)(frame, test, sharp.candidates);
+  if (plan.sharpness > 0.0F) HWY_DYNAMIC_DISPATCH(look)(frame, test, sharp.candidates);
+  assign_sharp_pixels(plan, centroid, windows, frame, levels, sharp);
+}
+
+void assign_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
+                         const Image<CentroidPlan::Spot>& windows, FrameView frame,
+                         const FrameLevels& levels, SharpPixels& sharp) noexcept {
+  check_size("assign_sharp_pixels", "lenslets", size_of(sharp.first), size_of(centroid.spots));
+  check_size("assign_sharp_pixels", "windows", size_of(windows), size_of(centroid.spots));
+  const int rows = windows.rows(), cols = windows.cols();
+  sharp.pixels.clear();
+  sharp.first.fill(-1);
   for (const SharpPixel& candidate : sharp.candidates) {
-    const auto [col, row] = plan.grid.lenslet_from_pixel(candidate.x, candidate.y);
-    const int r0 = static_cast<int>(std::lround(row)), c0 = static_cast<int>(std::lround(col));
-    for (int r = std::max(r0 - 1, 0); r <= std::min(r0 + 1, sharp.first.rows() - 1); ++r) {
-      for (int c = std::max(c0 - 1, 0); c <= std::min(c0 + 1, sharp.first.cols() - 1); ++c) {
-        const std::size_t k = as_size(r) * as_size(sharp.first.cols()) + as_size(c);
-        const CentroidPlan::Spot& spot = centroid.spots[k];
+    int r0 = 0, c0 = 0;
+    double moved_x = 0.0, moved_y = 0.0;
+    for (int i = 0; i < 2; ++i) {  // Windows may have been moved, and neighbours about alike.
+      const auto [col, row] =
+          plan.grid.lenslet_from_pixel(candidate.x - moved_x, candidate.y - moved_y);
+      r0 = std::clamp(static_cast<int>(std::lround(row)), 0, rows - 1);
+      c0 = std::clamp(static_cast<int>(std::lround(col)), 0, cols - 1);
+      moved_x = windows(r0, c0).x0 - centroid.spots(r0, c0).x0;
+      moved_y = windows(r0, c0).y0 - centroid.spots(r0, c0).y0;
+    }
+    for (int r = std::max(r0 - 1, 0); r <= std::min(r0 + 1, rows - 1); ++r) {
+      for (int c = std::max(c0 - 1, 0); c <= std::min(c0 + 1, cols - 1); ++c) {
+        const std::size_t k = as_size(r) * as_size(cols) + as_size(c);
+        const CentroidPlan::Spot& spot = windows[k];
         if (spot.state == LensletState::kUnlit || !contains(spot, candidate.x, candidate.y) ||
             !is_sharp(plan, centroid, frame, levels, k, candidate.x, candidate.y))
           continue;

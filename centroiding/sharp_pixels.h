@@ -54,10 +54,18 @@ float count_instead(const Pixel* pixels, int cols, const SharpPixel& sharp) noex
   return 0.5F * ((a + b) + (c + e) - low - high);
 }
 
-/// Finds the sharp pixels of one frame's windows. A pixel is sharp where its light exceeds
-/// sharpness × the second brightest of its four neighbours + 4.5 √(σ² + k·light), all above the
-/// frame's level. Never allocates; what does not fit into the list stays, and is counted there.
-void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid, FrameView frame,
+/// Finds the sharp pixels of one frame's windows, which are [rows, cols] of lenslets. A pixel is
+/// sharp where its light exceeds sharpness × the second brightest of its four neighbours + 4.5 √(σ²
+/// + k·light), all above the frame's level. Never allocates; what does not fit into the list stays,
+/// and is counted there.
+void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
+                       const Image<CentroidPlan::Spot>& windows, FrameView frame,
                        const FrameLevels& levels, SharpPixels& sharp) noexcept;
+
+/// Says again which lenslets' sharp pixels they are, of a frame that find_sharp_pixels() has looked
+/// at, after windows were moved.
+void assign_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
+                         const Image<CentroidPlan::Spot>& windows, FrameView frame,
+                         const FrameLevels& levels, SharpPixels& sharp) noexcept;
 
 }  // namespace curlew

@@ -131,16 +131,23 @@ void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slop
     const float spot_y = centroids.variance_y_px2[k];
     const float gx = measured ? plan.inverse_gain_x[k] : 0.0F;
     const float gy = measured ? plan.inverse_gain_y[k] : 0.0F;
-    const float dx = (centroids.x_px[k] - plan.ref_x_px[k]) * gx;
-    const float dy = (centroids.y_px[k] - plan.ref_y_px[k]) * gy;
-    const float ex = plan.gain_error_x[k] * dx;
-    const float ey = plan.gain_error_y[k] * dy;
+    // The gain is that of the window, so it applies to the displacement within the window. A dark
+    // lenslet's spot is most likely where those of the others are.
+    const float moved_x = measured ? centroids.moved_x_px[k] : 0.0F;
+    const float moved_y = measured ? centroids.moved_y_px[k] : 0.0F;
+    const float in_window_x = (centroids.x_px[k] - plan.ref_x_px[k] - moved_x) * gx;
+    const float in_window_y = (centroids.y_px[k] - plan.ref_y_px[k] - moved_y) * gy;
+    const bool is_dark = spot == Spot::kDark;
+    const float dx = in_window_x + (is_dark ? centroids.low_x_px[k] : moved_x);
+    const float dy = in_window_y + (is_dark ? centroids.low_y_px[k] : moved_y);
+    const float ex = plan.gain_error_x[k] * in_window_x;
+    const float ey = plan.gain_error_y[k] * in_window_y;
     const float noise_x = weak && !(spot_x > 0.0F) ? plan.spot_variance_px2 : spot_x;
     const float noise_y = weak && !(spot_y > 0.0F) ? plan.spot_variance_px2 : spot_y;
     const float vx = (noise_x + systematic_variance(plan, centroids.xx_px2[k])) * gx * gx + ex * ex;
     const float vy = (noise_y + systematic_variance(plan, centroids.yy_px2[k])) * gy * gy + ey * ey;
     const float c = centroids.covariance_xy_px2[k] * gx * gy;
-    const float dark = spot == Spot::kDark ? plan.window_variance[k] : 0.0F;
+    const float dark = is_dark ? plan.window_variance[k] : 0.0F;
     slopes.x[k] = m11 * dx + m12 * dy;
     slopes.y[k] = m21 * dx + m22 * dy;
     const float variance_x = m11 * m11 * vx + 2.0F * m11 * m12 * c + m12 * m12 * vy;
@@ -193,6 +200,19 @@ void leave_out_weak(const Centroids& centroids, const SlopeField& weak,
     n_valid += valid ? 1 : 0;
   }
   slopes.n_valid = n_valid;
+}
+
+void subtract_low_orders(const SlopePlan& plan, const Centroids& centroids,
+                         SlopeField& slopes) noexcept {
+  check_size("subtract_low_orders", "centroids", size_of(centroids.state), size_of(plan.ref_x_px));
+  check_size("subtract_low_orders", "slopes", size_of(slopes), size_of(plan.ref_x_px));
+  const float m11 = plan.m11, m12 = plan.m12, m21 = plan.m21, m22 = plan.m22;
+  for (std::size_t k = 0; k < slopes.x.size(); ++k) {
+    const float x = slopes.valid[k] != 0 ? centroids.low_x_px[k] : 0.0F;
+    const float y = slopes.valid[k] != 0 ? centroids.low_y_px[k] : 0.0F;
+    slopes.x[k] -= m11 * x + m12 * y;
+    slopes.y[k] -= m21 * x + m22 * y;
+  }
 }
 
 }  // namespace curlew

@@ -54,7 +54,8 @@ void measure_slopes(const SlopePlan& plan, const Centroids& centroids, SlopeFiel
 /// Computes slopes as measure_slopes() does, but keeps weak spots with the noise that they have.
 /// Vortices sit in the dark, and a badly known slope is better than none where noise is accounted
 /// for. A faint spot, or one at the edge of its window, has its slope. A lit lenslet without any
-/// light above the threshold has a slope of 0 with window_variance. Only lenslets that are
+/// light above the threshold has the slope of the low orders (0 where windows stay) with
+/// window_variance. Only lenslets that are
 /// saturated or unlit, or have too many bad pixels, are missing.
 void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
                          SlopeField& slopes) noexcept;
@@ -63,5 +64,11 @@ void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
 /// result is bit for bit that of measure_slopes(), but the slopes need not be computed twice.
 void leave_out_weak(const Centroids& centroids, const SlopeField& weak,
                     SlopeField& slopes) noexcept;
+
+/// Takes the low orders that windows follow out of the slopes. They are smooth but for a turn of
+/// the whole field, so that what is left has the circulation of the vortices, and a missing slope's
+/// 0 stands amid others about 0.
+void subtract_low_orders(const SlopePlan& plan, const Centroids& centroids,
+                         SlopeField& slopes) noexcept;
 
 }  // namespace curlew

@@ -19,12 +19,13 @@ void clear_spot(Centroids& out, std::size_t k, LensletState state) noexcept {
 
 template <typename Pixel, bool kMaps>
 void load(const CentroidPlan& plan, const Pixel* pixels, const WindowGroup& group,
-          std::size_t lanes, const FrameLevels* levels, const SharpPixels* sharp,
-          float* light) noexcept {
+          std::size_t lanes, const FrameConditions& conditions, float* light) noexcept {
+  const FrameLevels* levels = conditions.levels;
+  const SharpPixels* sharp = conditions.sharp;
   const float bad = plan.method == CentroidMethod::kMaximumLikelihood ? kBad : kNothing;
   for (std::size_t lane = 0; lane < lanes; ++lane) {
     const std::size_t k = group.lenslet[lane];
-    const CentroidPlan::Spot& spot = plan.spots[k];
+    const CentroidPlan::Spot& spot = windows_of(plan, conditions)[k];
     const float level = (levels != nullptr ? levels->level[k] : 0.0F) - plan.threshold;
     const float offset = plan.uniform_offset + level;
     const auto w = static_cast<std::size_t>(spot.w);
@@ -33,15 +34,14 @@ void load(const CentroidPlan& plan, const Pixel* pixels, const WindowGroup& grou
       float* to = light + y * group.w * lanes + lane;
       std::size_t x = 0;
       if (y < h) {
-        const Pixel* from =
-            pixels +
+        const std::size_t first =
             (static_cast<std::size_t>(spot.y0) + y) * static_cast<std::size_t>(plan.frame_cols) +
             static_cast<std::size_t>(spot.x0);
         for (; x < w; ++x) {
-          const auto count = static_cast<float>(from[x]);
+          const auto count = static_cast<float>(pixels[first + x]);
           if constexpr (kMaps) {
-            const float gain = plan.gain[spot.map + y * w + x];
-            const float dark = plan.offset[spot.map + y * w + x] + level;
+            const float gain = plan.gain[first + x];
+            const float dark = plan.offset[first + x] + level;
             to[x * lanes] = gain > 0.0F ? gain * count - dark : bad;
           } else {
             to[x * lanes] = count - offset;
@@ -59,8 +59,7 @@ void load(const CentroidPlan& plan, const Pixel* pixels, const WindowGroup& grou
       const float count = count_instead(pixels, plan.frame_cols, pixel);
       float& to = light[(y * group.w + x) * lanes + lane];
       if constexpr (kMaps) {
-        const std::size_t at = spot.map + y * w + x;
-        to = plan.gain[at] * count - (plan.offset[at] + level);
+        to = plan.gain(pixel.y, pixel.x) * count - (plan.offset(pixel.y, pixel.x) + level);
       } else {
         to = count - offset;
       }
@@ -70,12 +69,12 @@ void load(const CentroidPlan& plan, const Pixel* pixels, const WindowGroup& grou
 
 }  // namespace
 
-void describe_windows(const CentroidPlan& plan, const Centroids& found, std::size_t lanes,
-                      WindowGroup& group) noexcept {
+void describe_windows(const CentroidPlan& plan, const FrameConditions& conditions,
+                      const Centroids& found, std::size_t lanes, WindowGroup& group) noexcept {
   group.w = group.h = 0;
   for (std::size_t lane = 0; lane < lanes; ++lane) {
     const std::size_t k = group.lenslet[lane < group.n ? lane : 0];
-    const CentroidPlan::Spot& spot = plan.spots[k];
+    const CentroidPlan::Spot& spot = windows_of(plan, conditions)[k];
     group.lenslet[lane] = k;
     group.w = std::max(group.w, static_cast<std::size_t>(spot.w));
     group.h = std::max(group.h, static_cast<std::size_t>(spot.h));
@@ -94,23 +93,23 @@ void describe_windows(const CentroidPlan& plan, const Centroids& found, std::siz
 }
 
 void load_windows(const CentroidPlan& plan, FrameView frame, const WindowGroup& group,
-                  std::size_t lanes, const FrameLevels* levels, const SharpPixels* sharp,
-                  float* light) noexcept {
+                  std::size_t lanes, const FrameConditions& conditions, float* light) noexcept {
   const bool maps = !plan.gain.empty();
   if (frame.pixel_type == PixelType::kU16) {
     const auto* pixels = frame.data<std::uint16_t>();
-    maps ? load<std::uint16_t, true>(plan, pixels, group, lanes, levels, sharp, light)
-         : load<std::uint16_t, false>(plan, pixels, group, lanes, levels, sharp, light);
+    maps ? load<std::uint16_t, true>(plan, pixels, group, lanes, conditions, light)
+         : load<std::uint16_t, false>(plan, pixels, group, lanes, conditions, light);
   } else {
     const auto* pixels = frame.data<std::uint8_t>();
-    maps ? load<std::uint8_t, true>(plan, pixels, group, lanes, levels, sharp, light)
-         : load<std::uint8_t, false>(plan, pixels, group, lanes, levels, sharp, light);
+    maps ? load<std::uint8_t, true>(plan, pixels, group, lanes, conditions, light)
+         : load<std::uint8_t, false>(plan, pixels, group, lanes, conditions, light);
   }
 }
 
-void adopt_position(const CentroidPlan& plan, const GroupPositions& found, std::size_t lane,
-                    std::size_t k, Centroids& out) noexcept {
-  const CentroidPlan::Spot& spot = plan.spots[k];
+void adopt_position(const CentroidPlan& plan, const FrameConditions& conditions,
+                    const GroupPositions& found, std::size_t lane, std::size_t k,
+                    Centroids& out) noexcept {
+  const CentroidPlan::Spot& spot = windows_of(plan, conditions)[k];
   const bool was_valid = out.state[k] == LensletState::kValid;
   const float x = found.x[lane];
   const float y = found.y[lane];

@@ -46,19 +46,18 @@ struct GroupPositions {
 
 /// Fills in the group from its n and its first n lenslets, which the caller has set. `found` holds
 /// what the threshold's kernel measured.
-void describe_windows(const CentroidPlan& plan, const Centroids& found, std::size_t lanes,
-                      WindowGroup& group) noexcept;
+void describe_windows(const CentroidPlan& plan, const FrameConditions& conditions,
+                      const Centroids& found, std::size_t lanes, WindowGroup& group) noexcept;
 
 /// Loads the pixels of the group's windows. `light` is [h, w, lanes], in counts above the frame's
-/// level, or above the dark where `levels` is null. Pixels of `sharp` hold what count_instead()
-/// says.
+/// level, or above the dark where that is not known. Sharp pixels hold what count_instead() says.
 void load_windows(const CentroidPlan& plan, FrameView frame, const WindowGroup& group,
-                  std::size_t lanes, const FrameLevels* levels, const SharpPixels* sharp,
-                  float* light) noexcept;
+                  std::size_t lanes, const FrameConditions& conditions, float* light) noexcept;
 
 /// Replaces the position that the threshold's kernel found for lenslet k by the one in `lane` of
 /// `found`.
-void adopt_position(const CentroidPlan& plan, const GroupPositions& found, std::size_t lane,
-                    std::size_t k, Centroids& out) noexcept;
+void adopt_position(const CentroidPlan& plan, const FrameConditions& conditions,
+                    const GroupPositions& found, std::size_t lane, std::size_t k,
+                    Centroids& out) noexcept;
 
 }  // namespace curlew

@@ -16,9 +16,11 @@ enum class LensletState : std::uint8_t {
   kSaturated,  ///< a pixel in the window is saturated
   kAtEdge,     ///< the spot has left, or nearly left, its window
   kBadPixels,  ///< too much of the window is bad
+  /// what is in the window is not the lenslet's spot, or the spot has left the frame
+  kLost,
 };
 
-inline constexpr std::size_t kLensletStates = 6;  ///< the number of values of LensletState
+inline constexpr std::size_t kLensletStates = 7;  ///< the number of values of LensletState
 
 /// All maps are [rows, cols] of lenslets. A kValid spot has all values. A kFaint or kAtEdge spot
 /// has them too, for those stages that can use weak spots; they are 0 if no light exceeds the
@@ -35,6 +37,10 @@ struct Centroids {
         variance_x_px2(rows, cols),
         variance_y_px2(rows, cols),
         covariance_xy_px2(rows, cols),
+        low_x_px(rows, cols),
+        low_y_px(rows, cols),
+        moved_x_px(rows, cols),
+        moved_y_px(rows, cols),
         state(rows, cols, LensletState::kUnlit) {}
 
   Image<float> x_px;  ///< position of the spot on the detector
@@ -46,6 +52,12 @@ struct Centroids {
   Image<float> variance_x_px2;  ///< noise variance of x_px from photon and read noise
   Image<float> variance_y_px2;
   Image<float> covariance_xy_px2;
+  /// The low orders of the spots' displacements where the windows follow them, and the whole pixels
+  /// by which each window has been moved; 0 where windows stay.
+  Image<float> low_x_px;
+  Image<float> low_y_px;
+  Image<float> moved_x_px;
+  Image<float> moved_y_px;
   Image<LensletState> state;
   int n_valid = 0;
   int n_saturated = 0;

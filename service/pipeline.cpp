@@ -41,10 +41,11 @@ std::string nothing_measured(const RunReport& report) {
     LensletState state;
     const char* text;
   };
-  std::array<Reason, 4> reasons{{{LensletState::kFaint, "too faint"},
+  std::array<Reason, 5> reasons{{{LensletState::kFaint, "too faint"},
                                  {LensletState::kSaturated, "saturated"},
                                  {LensletState::kAtEdge, "at the edge of their windows"},
-                                 {LensletState::kBadPixels, "on bad pixels"}}};
+                                 {LensletState::kBadPixels, "on bad pixels"},
+                                 {LensletState::kLost, "without a spot of their own"}}};
   const auto times = [&](const Reason& reason) {
     return report.unmeasured[static_cast<std::size_t>(reason.state)];
   };
@@ -87,10 +88,12 @@ std::unique_ptr<Pipeline::SlotSet> Pipeline::make_slots(std::shared_ptr<const Pl
                                                    plan->detect.candidate_capacity());
     set->tracker->number_from(sets_made_ << kTracksOfASet);
   }
+  if (plan->follower) set->follower = std::make_unique<WindowFollower>(*plan->follower);
   ++sets_made_;
   const std::size_t slots = options_.threads == Threading::kInline ? 1 : options_.slots;
   for (std::size_t i = 0; i < slots; ++i)
-    set->slots.push_back(std::make_unique<FrameSlot>(*plan, set->tracker.get()));
+    set->slots.push_back(
+        std::make_unique<FrameSlot>(*plan, set->follower.get(), set->tracker.get()));
   set->plan = std::move(plan);
   return set;
 }

@@ -75,7 +75,8 @@ class Pipeline {
   /// A plan and the slots made for it.
   struct SlotSet {
     std::shared_ptr<const Plan> plan;
-    std::unique_ptr<VortexTracker> tracker;  ///< null if the plan does not track
+    std::unique_ptr<WindowFollower> follower;  ///< null if the windows stay
+    std::unique_ptr<VortexTracker> tracker;    ///< null if the plan does not track
     std::vector<std::unique_ptr<FrameSlot>> slots;
     /// How many slots, from the first, are in use; only the feeding thread touches it.
     std::size_t in_use = 0;

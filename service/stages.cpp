@@ -7,17 +7,24 @@ namespace {
 
 void centroid(const Plan& plan, FrameSlot& slot) noexcept {
   const FrameView frame = slot.frame->view();
-  if (plan.level && slot.levels) measure_levels(*plan.level, frame, *slot.levels);
-  if (plan.sharp && slot.levels && slot.sharp)
-    find_sharp_pixels(*plan.sharp, plan.centroid, frame, *slot.levels, *slot.sharp);
-  find_centroids(plan.centroid, frame, slot.centroids, slot.levels ? &*slot.levels : nullptr,
-                 slot.sharp ? &*slot.sharp : nullptr);
+  if (!plan.level || !plan.sharp || !slot.levels || !slot.sharp) {
+    find_centroids(plan.centroid, frame, slot.centroids);
+  } else if (slot.follower != nullptr) {
+    slot.follow_state = slot.follower->measure(plan.centroid, *plan.level, *plan.sharp, frame,
+                                               *slot.levels, *slot.sharp, slot.centroids);
+  } else {
+    measure_levels(*plan.level, plan.level->pixels(), frame, *slot.levels);
+    find_sharp_pixels(*plan.sharp, plan.centroid, plan.centroid.spots, frame, *slot.levels,
+                      *slot.sharp);
+    find_centroids(plan.centroid, frame, slot.centroids, {&*slot.levels, &*slot.sharp});
+  }
   if (slot.centroids.n_saturated > 0) slot.frame->header.status |= kFrameSaturated;
 }
 
 void slopes(const Plan& plan, FrameSlot& slot) noexcept {
   measure_weak_slopes(plan.slopes, slot.centroids, slot.weak_slopes);
   leave_out_weak(slot.centroids, slot.weak_slopes, slot.slopes);
+  subtract_low_orders(plan.slopes, slot.centroids, slot.weak_slopes);
 }
 
 void detect(const Plan& plan, FrameSlot& slot) noexcept {
@@ -71,8 +78,10 @@ Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config
       detect(sensor, format, config),
       split(sensor.valid, config.split) {
   if (config.centroid.follow_level) {
-    level.emplace(sensor, format, config.centroid);
+    level.emplace(sensor, centroid, config.centroid);
     sharp.emplace(sensor, format);
+    if (config.centroid.follow_windows)
+      follower = std::make_unique<const WindowFollower>(sensor, centroid, *level, config.centroid);
   }
   // The tables for choosing vortices grow with the square of the number of candidates. Candidates
   // beyond this number are not judged; the most probable ones come first.
@@ -87,8 +96,10 @@ Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config
   tracker = config.track;
 }
 
-FrameSlot::FrameSlot(const Plan& plan_of_slot, VortexTracker* frames_tracker)
+FrameSlot::FrameSlot(const Plan& plan_of_slot, WindowFollower* frames_follower,
+                     VortexTracker* frames_tracker)
     : plan(&plan_of_slot),
+      follower(frames_follower),
       tracker(frames_tracker),
       centroids(plan->grid.rows, plan->grid.cols),
       slopes(plan->grid.rows, plan->grid.cols),

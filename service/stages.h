@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 
 #include "centroiding/centroid.h"
@@ -11,6 +12,7 @@
 #include "centroiding/sensor.h"
 #include "centroiding/sharp_pixels.h"
 #include "centroiding/slopes.h"
+#include "centroiding/window_follower.h"
 #include "core/frame.h"
 #include "core/hodge_split.h"
 #include "core/slope_field.h"
@@ -36,6 +38,8 @@ struct Plan {
   // None: the level stays the calibration's, and no pixel is looked at for being sharp.
   std::optional<LevelPlan> level;
   std::optional<SharpPixelPlan> sharp;
+  /// The follower before the first frame, which each set of slots copies. None: the windows stay.
+  std::unique_ptr<const WindowFollower> follower;
   SlopePlan slopes;
   VortexDetectionPlan detect;
   SplitPlan split;
@@ -53,19 +57,24 @@ struct FrameLatency {
 
 /// Every buffer of one frame's results, made once. The feed lends the frame itself.
 struct FrameSlot {
-  /// frames_tracker: the tracker that all slots of the plan share; null: the plan does not track.
-  /// Only the tracking stage touches it, and that takes frames in their order.
-  explicit FrameSlot(const Plan& plan_of_slot, VortexTracker* frames_tracker = nullptr);
+  /// All slots of the plan share the follower and the tracker. Only the centroid stage touches the
+  /// one and the tracking stage the other, and both take frames in their order.
+  explicit FrameSlot(const Plan& plan_of_slot, WindowFollower* frames_follower = nullptr,
+                     VortexTracker* frames_tracker = nullptr);
 
   const Plan* plan;              ///< the plan by which the frame is worked on
+  WindowFollower* follower;      ///< null: the windows stay where the calibration put them
   VortexTracker* tracker;        ///< null: every frame is judged alone
   std::int64_t frame_index = 0;  ///< counts from 0 over all frames that the feed gives
   FrameBuffer* frame = nullptr;
   std::optional<FrameLevels> levels;
   std::optional<SharpPixels> sharp;
+  FollowState follow_state = FollowState::kSettled;
   Centroids centroids;
   SlopeField slopes;
-  SlopeField weak_slopes;  ///< includes the slopes of weak spots, which the split does not use
+  /// These include weak spots, which the split does not use, and are less the low orders that the
+  /// windows follow.
+  SlopeField weak_slopes;
   VortexDetectionWorkspace detect_workspace;
   CirculationMap circulation;  ///< made of weak_slopes
   VortexList candidates;

@@ -75,6 +75,10 @@ void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const C
     find_classified_vortices(*plan.classifier(), frame, centroids, circulation,
                              *workspace.classifier, candidates);
   } else if (plan.whitened() && workspace.whitened) {
+    const Image<std::uint8_t>& lenslets = plan.whitened()->lenslet_valid();
+    for (std::size_t k = 0; k < lenslets.size(); ++k)
+      workspace.whitened->lit[k] =
+          lenslets[k] != 0 && centroids.state[k] != LensletState::kLost ? 1 : 0;
     find_whitened_vortices(*plan.whitened(), slopes, centroids.flux_adu, circulation,
                            *workspace.whitened, candidates);
   } else {

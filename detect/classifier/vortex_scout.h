@@ -13,7 +13,7 @@ namespace curlew {
 /// edge are not missing, because their pixels count.
 inline bool is_missing(LensletState state) noexcept {
   return (state == LensletState::kUnlit) | (state == LensletState::kSaturated) |
-         (state == LensletState::kBadPixels);
+         (state == LensletState::kBadPixels) | (state == LensletState::kLost);
 }
 
 /// These are the buffers of one frame, made once. Rows are padded, and those of nodes to `stride`

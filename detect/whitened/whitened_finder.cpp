@@ -114,7 +114,7 @@ void sight(const WhitenedPlan& plan, const SlopeField& slopes, const Odds& odds,
   workspace.seen_at.fill(-1);
   for (int r = 0; r < planes.margin.rows(); ++r) {
     for (int c = 0; c < planes.margin.cols(); ++c) {
-      if (!(planes.margin(r, c) >= 0.0F) || !is_node(plan.lenslet_valid(), r, c)) continue;
+      if (!(planes.margin(r, c) >= 0.0F) || !is_node(workspace.lit, r, c)) continue;
       const NodeFilter filter = filter_at(planes, pattern, r, c);
       const float square = filter.sum * filter.sum;
       const float variance = noise_variance(slopes, filter, r, c);
@@ -343,7 +343,8 @@ WhitenedPlan::WhitenedPlan(const WhitenedOptions& options, const Image<std::uint
 }
 
 WhitenedWorkspace::WhitenedWorkspace(const WhitenedPlan& plan)
-    : planes(plan.rows(), plan.cols()),
+    : lit(plan.lenslet_valid()),
+      planes(plan.rows(), plan.cols()),
       seen(planes.margin.size()),
       seen_at(plan.rows() - 1, plan.cols() - 1, -1) {}
 
@@ -357,8 +358,8 @@ void find_whitened_vortices(const WhitenedPlan& plan, const SlopeField& slopes,
   vortices.clear();
   const WhitenedOptions& options = plan.options();
   WhitenedPlanes& planes = workspace.planes;
-  fill_planes(slopes, flux_adu, plan.lenslet_valid(),
-              static_cast<float>(options.slope_clutter_rad2), planes);
+  fill_planes(slopes, flux_adu, workspace.lit, static_cast<float>(options.slope_clutter_rad2),
+              planes);
   const Odds odds(options, planes.noise_rad2);
   const float first_t = kFirstLookPart * plan.threshold_sigmas();
   FirstLook look;

@@ -99,6 +99,9 @@ struct WhitenedWorkspace {
     Vortex vortex;
   };
 
+  /// [rows, cols] nonzero for the lenslets whose darkness says something in this frame. The beam
+  /// does not reach the others. The caller sets it; at first it is the sensor's lenslets.
+  Image<std::uint8_t> lit;
   WhitenedPlanes planes;
   FixedList<Sighting> seen;
   Image<std::int32_t> seen_at;  ///< [rows−1, cols−1] of nodes: index into seen, or −1
@@ -119,7 +122,7 @@ struct WhitenedWorkspace {
 ///   be seen. A logistic function calibrated on simulated fields makes a probability of z and of
 ///   how dark a hole the node lies in (vortices are zeros of the field).
 ///
-/// A node is a vortex if it passes both tests, if the sensor has three of its four lenslets, and if
+/// A node is a vortex if it passes both tests, if three of its four lenslets are lit, and if
 /// no neighbour of its sign that also passes has better odds. The significance is |t|, and
 /// kMaxSignificance where there is no noise. A pair that cannot be told apart has charge 0 and lies
 /// midway. It has kVortexUnresolvedPair, the sum of the two D, and the lesser of the two

@@ -18,8 +18,13 @@
 namespace curlew {
 namespace {
 
-constexpr std::array<const char*, kLensletStates> kReasons = {
-    "", "unlit", "too faint", "saturated", "at their window's edge", "on bad pixels"};
+constexpr std::array<const char*, kLensletStates> kReasons = {"",
+                                                              "unlit",
+                                                              "too faint",
+                                                              "saturated",
+                                                              "at their window's edge",
+                                                              "on bad pixels",
+                                                              "without a spot of their own"};
 
 struct Sums {
   double x = 0.0;
@@ -34,7 +39,7 @@ struct Sums {
 ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptions& options,
                                         Sensor& sensor) {
   const CentroidPlan plan(sensor, source.format(), options);
-  const LevelPlan level_plan(sensor, source.format(), options);
+  const LevelPlan level_plan(sensor, plan, options);
   FrameLevels levels(level_plan);
   const SharpPixelPlan sharp_plan(sensor, source.format());
   SharpPixels sharp(sensor.valid.rows(), sensor.valid.cols());
@@ -45,11 +50,11 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
   Progress progress("calibrate", source.frame_count());
   while (!interrupted() && source.next(frame) == Delivery::kFrame) {
     if (options.follow_level) {
-      measure_levels(level_plan, frame.view(), levels);
-      find_sharp_pixels(sharp_plan, plan, frame.view(), levels, sharp);
+      measure_levels(level_plan, level_plan.pixels(), frame.view(), levels);
+      find_sharp_pixels(sharp_plan, plan, plan.spots, frame.view(), levels, sharp);
     }
-    find_centroids(plan, frame.view(), centroids, options.follow_level ? &levels : nullptr,
-                   options.follow_level ? &sharp : nullptr);
+    find_centroids(plan, frame.view(), centroids,
+                   options.follow_level ? FrameConditions{&levels, &sharp} : FrameConditions{});
     ++frames;
     progress.step();
     for (std::size_t k = 0; k < sums.size(); ++k) {

@@ -28,9 +28,9 @@ BenchFrame drawn(const BenchCase& which, Value value) {
 }
 
 FrameLevels measured(const Sensor& sensor, const BenchFrame& frame) {
-  const LevelPlan plan(sensor, frame.format, {});
+  const LevelPlan plan(sensor, CentroidPlan(sensor, frame.format), {});
   FrameLevels levels(plan);
-  measure_levels(plan, frame.view(), levels);
+  measure_levels(plan, plan.pixels(), frame.view(), levels);
   return levels;
 }
 
@@ -88,14 +88,14 @@ TEST(FrameLevel, CentroidsAreThoseOfAnyLevel) {
   const Sensor sensor = tiled_sensor(which);
   BenchFrame frame = make_bench_frame(which, BenchSlopes::kSmooth, kSeed);
   const CentroidPlan plan(sensor, frame.format);
-  const LevelPlan level_plan(sensor, frame.format, {});
+  const LevelPlan level_plan(sensor, CentroidPlan(sensor, frame.format), {});
   FrameLevels levels(level_plan);
   Centroids low(16, 16), high(16, 16);
-  measure_levels(level_plan, frame.view(), levels);
-  find_centroids(plan, frame.view(), low, &levels);
+  measure_levels(level_plan, level_plan.pixels(), frame.view(), levels);
+  find_centroids(plan, frame.view(), low, {&levels});
   for (std::uint16_t& count : frame.pixels) count = static_cast<std::uint16_t>(count + 500);
-  measure_levels(level_plan, frame.view(), levels);
-  find_centroids(plan, frame.view(), high, &levels);
+  measure_levels(level_plan, level_plan.pixels(), frame.view(), levels);
+  find_centroids(plan, frame.view(), high, {&levels});
   for (std::size_t k = 0; k < low.state.size(); ++k) {
     ASSERT_EQ(low.state[k], high.state[k]) << k;
     EXPECT_NEAR(low.x_px[k], high.x_px[k], 2e-4F) << k;

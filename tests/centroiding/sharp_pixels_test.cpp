@@ -28,14 +28,14 @@ struct Measured {
   explicit Measured(const BenchFrame& frame, const CentroidOptions& options = {})
       : sensor(sensor_of_spots(options.method)),
         plan(sensor, frame.format, options),
-        level_plan(sensor, frame.format, options),
+        level_plan(sensor, plan, options),
         sharp_plan(sensor, frame.format),
         levels(level_plan),
         sharp(kCase.rows, kCase.cols),
         centroids(kCase.rows, kCase.cols) {
-    measure_levels(level_plan, frame.view(), levels);
-    find_sharp_pixels(sharp_plan, plan, frame.view(), levels, sharp);
-    find_centroids(plan, frame.view(), centroids, &levels, &sharp);
+    measure_levels(level_plan, level_plan.pixels(), frame.view(), levels);
+    find_sharp_pixels(sharp_plan, plan, plan.spots, frame.view(), levels, sharp);
+    find_centroids(plan, frame.view(), centroids, {&levels, &sharp});
   }
   Sensor sensor;
   CentroidPlan plan;
@@ -111,11 +111,12 @@ TEST(SharpPixels, NoiseAndBrightSpotsMakeHardlyACandidate) {
     Sensor sensor = sensor_of_spots();
     sensor.spot_sharpness = sharpness;
     const CentroidPlan plan(sensor, frame.format);
-    const LevelPlan level_plan(sensor, frame.format, {});
+    const LevelPlan level_plan(sensor, CentroidPlan(sensor, frame.format), {});
     FrameLevels levels(level_plan);
     SharpPixels sharp(kCase.rows, kCase.cols);
-    measure_levels(level_plan, frame.view(), levels);
-    find_sharp_pixels(SharpPixelPlan(sensor, frame.format), plan, frame.view(), levels, sharp);
+    measure_levels(level_plan, level_plan.pixels(), frame.view(), levels);
+    find_sharp_pixels(SharpPixelPlan(sensor, frame.format), plan, plan.spots, frame.view(), levels,
+                      sharp);
     EXPECT_LT(sharp.candidates.size(), frame.pixels.size() / 1000) << sharpness;
   }
 }

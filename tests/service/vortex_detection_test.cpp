@@ -33,11 +33,12 @@ struct Counts {
   int false_alarms = 0;
 };
 
-Counts count(DetectMethod method) {
-  Simulator simulator(turbulence(1000.0, 6));
+Counts count(DetectMethod method, int frames = 6, bool follow = true) {
+  Simulator simulator(turbulence(1000.0, frames));
   const Sensor sensor = sensor_of(simulator, 6, 100.0);
   Config config;
   config.detect.method = method;
+  config.centroid.follow_windows = follow;
   Pipeline pipeline(std::make_shared<const Plan>(sensor, simulator.format(), config),
                     config.pipeline);
   RecordedFeed feed(simulator, {});
@@ -72,6 +73,19 @@ TEST(VortexDetection, TheWhitenedFilterFindsSomeAndHardlyAFalseOne) {
   SCOPED_TRACE("seed " + std::to_string(kSeed));
   EXPECT_GE(counts.hits, counts.required / 5) << "of " << counts.required;
   EXPECT_LE(counts.false_alarms, counts.hits / 3);
+}
+
+// Lenslets in the dark that a vortex makes must not be taken for lenslets without a beam.
+TEST(VortexDetection, FollowingTheSpotsCostsNoVortices) {
+  for (const DetectMethod method :
+       {DetectMethod::kCirculation, DetectMethod::kWhitened, DetectMethod::kClassifier}) {
+    const Counts still = count(method, 12, false);
+    const Counts following = count(method, 12, true);
+    SCOPED_TRACE("seed " + std::to_string(kSeed) + ", method " +
+                 std::to_string(static_cast<int>(method)));
+    EXPECT_GE(following.hits, still.hits - still.hits / 20 - 1) << "of " << still.required;
+    EXPECT_LE(following.false_alarms, still.false_alarms + 2 + still.hits / 20);
+  }
 }
 
 TEST(VortexDetection, TracksKeepTheirNumbersFromFrameToFrame) {

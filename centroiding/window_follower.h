@@ -1,0 +1,114 @@
+// Windows that follow the spots, and lenslets whose spot is lost.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "centroiding/centroid.h"
+#include "centroiding/frame_level.h"
+#include "centroiding/low_orders.h"
+#include "centroiding/sensor.h"
+#include "centroiding/sharp_pixels.h"
+#include "centroiding/spot_acquisition.h"
+#include "core/centroids.h"
+#include "core/frame.h"
+#include "core/image.h"
+
+namespace curlew {
+
+/// What became of one frame.
+enum class FollowState : std::uint8_t {
+  kSettled,   ///< the spots were where the windows are
+  kMoved,     ///< the windows were moved after the spots
+  kAcquired,  ///< the spots were found anew
+  kLost,      ///< the spots were not found; every lenslet with light is kLost
+  kNoLight,   ///< there is hardly any light
+};
+
+/// Follows the spots of one sensor from frame to frame. Its state belongs to the frames of one
+/// plan, in their order; one thread calls it.
+///
+/// Windows stay where they are while the low orders of the spots' displacements (a quadratic fit)
+/// lie within .15 pitch of them. When these leave that, the windows are moved to them by whole
+/// pixels and the same frame is measured again. Where the fit does not describe the spots, or the
+/// pattern of lit lenslets has stepped by a pitch, SpotAcquisition finds them anew.
+///
+/// Then each lenslet is judged. Its spot is lost where it lies farther from the fit than six times
+/// what the others do (at least .3 and at most .42 pitch). A spot that is dim or as wide as its
+/// window is lost where less than three quarters of its neighbours have a spot, and a faint one or
+/// one at its window's edge where less than half have: among others in the dark it is a vortex, and
+/// alone it is stray light.
+class WindowFollower {
+ public:
+  WindowFollower(const Sensor& sensor, const CentroidPlan& plan, const LevelPlan& level_plan,
+                 const CentroidOptions& options);
+
+  /// Measures one frame, of the plans' format: its levels, its sharp pixels and, with the windows
+  /// where they belong, its spots. `centroids` also says how far the windows were moved. The plans
+  /// must be those of the constructor. Never allocates.
+  FollowState measure(const CentroidPlan& plan, const LevelPlan& level_plan,
+                      const SharpPixelPlan& sharp_plan, FrameView frame, FrameLevels& levels,
+                      SharpPixels& sharp, Centroids& centroids) noexcept;
+
+ private:
+  /// How one frame's spots lie in the windows.
+  struct Fit {
+    LowOrders model;        ///< displacements from where the windows are, px
+    float residual_px = 0;  ///< of the spots from it, rms along an axis
+    float largest_px = 0;   ///< of the model, over the spots
+    int spots = 0;          ///< lenslets with a well-formed spot near the model
+    int light = 0;          ///< lenslets with any light worth speaking of
+    bool same_lit = true;   ///< whether the lit lenslets are those of the frames before
+  };
+
+  void place_windows(const CentroidPlan& plan, const LevelPlan& level_plan,
+                     const LowOrders& model) noexcept;
+  void place_window(const CentroidPlan& plan, std::size_t k, int dx, int dy) noexcept;
+  bool centre_windows(const CentroidPlan& plan, const Centroids& centroids) noexcept;
+  void return_windows(const CentroidPlan& plan) noexcept;
+  bool has_bad_window(const CentroidPlan::Spot& spot) const noexcept;
+  void measure_lower_level(const CentroidPlan& plan, const LevelPlan& level_plan, FrameView frame,
+                           FrameLevels& levels) noexcept;
+  AcquisitionResult acquire(const CentroidPlan& plan, const LevelPlan& level_plan, FrameView frame,
+                            FrameLevels& levels, const SharpPixels& sharp,
+                            LowOrders& model) noexcept;
+  void fit(const Centroids& centroids, Fit& found) noexcept;
+  void find_spots(const Centroids& centroids, Fit& found) noexcept;
+  bool has_stepped(int here) const noexcept;
+  bool is_believed(const Fit& found) const noexcept;
+  bool is_settled(const Fit& found) const noexcept;
+  void judge(Centroids& centroids) const noexcept;
+  float kept_neighbours(int row, int col) const noexcept;
+  void remember(const Centroids& centroids) noexcept;
+
+  SpotAcquisition acquisition_;
+  float pitch_px_;
+  LowOrders half_pitch_;  ///< from a spot to where four lenslets meet
+  float max_bad_fraction_;
+  Image<std::uint8_t> lenslet_;  ///< [rows, cols] 1 where the plan has one
+  Image<float> ref_x_px_;
+  Image<float> ref_y_px_;
+  Image<float> flux_adu_;            ///< of the references
+  Image<std::int32_t> bad_pixels_;   ///< [rows + 1, cols + 1] of the frame, summed; or empty
+  std::vector<std::size_t> sample_;  ///< the lenslets that are fitted
+
+  // The state.
+  LowOrders model_;                    ///< where the windows are
+  Image<CentroidPlan::Spot> windows_;  ///< the plan's, moved there
+  std::vector<LevelPixel> blocks_;     ///< where the level is measured
+  Image<float> moved_x_px_;            ///< by whole pixels
+  Image<float> moved_y_px_;
+  Image<std::int8_t> seen_;  ///< how often a lenslet had its spot, of the last ones
+  Image<std::uint8_t> lit_;  ///< whether it had, more often than not
+  bool started_ = false;
+
+  // Buffers of one frame.
+  Image<float> level_;
+  Image<float> model_x_px_;  ///< of each lenslet
+  Image<float> model_y_px_;
+  Image<std::uint8_t> spot_;        ///< what each window holds; the values stand in the .cpp
+  Image<std::uint8_t> off_centre_;  ///< windows that are centred on their spot in this frame
+  std::vector<float> values_;       ///< of the sample
+};
+
+}  // namespace curlew

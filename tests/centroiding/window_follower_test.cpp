@@ -1,0 +1,367 @@
+// Windows follow the spots wherever they go, or every slope is missing; none is wrong.
+#include "centroiding/window_follower.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "acquisition/simulator/random_stream.h"
+#include "core/as_size.h"
+
+namespace curlew {
+namespace {
+
+constexpr std::uint64_t kSeed = 20261129;
+constexpr int kCount = 16;       // lenslets along a side
+constexpr double kPitch = 12.0;  // px
+constexpr double kMargin = 30.0;
+constexpr double kSigma = 1.5;
+constexpr double kElectrons = 3000.0;
+constexpr double kReadNoise = 3.0;
+constexpr double kBias = 100.0;
+
+using Place = std::array<double, 2>;
+/// The displacement of lenslet (row, col)'s spot, in px; and its light over the usual.
+using Displacement = std::function<Place(int row, int col)>;
+using Brightness = std::function<double(int row, int col)>;
+
+Displacement tilt(double x_pitches, double y_pitches) {
+  return [=](int, int) { return Place{x_pitches * kPitch, y_pitches * kPitch}; };
+}
+double all_lit(int, int) { return 1.0; }
+/// A beam that leaves three lenslets dark on every side.
+double round_beam(int row, int col) {
+  const double middle = 0.5 * (kCount - 1);
+  return std::hypot(row - middle, col - middle) < 5.2 ? 1.0 : 0.0;
+}
+
+/// A sensor that was calibrated without any error, and frames of it.
+struct Scene {
+  explicit Scene(double rotation_deg = 0.0) {
+    const double a = rotation_deg * std::numbers::pi / 180.0;
+    const double side = kCount * kPitch * (std::abs(std::cos(a)) + std::abs(std::sin(a)));
+    const int pixels = static_cast<int>(side + 2.0 * kMargin);
+    sensor.frame_rows = format.rows = pixels;
+    sensor.frame_cols = format.cols = pixels;
+    LensletGrid& grid = sensor.grid;
+    grid.rows = grid.cols = kCount;
+    grid.p11 = grid.p22 = kPitch * std::cos(a);
+    grid.p21 = kPitch * std::sin(a);
+    grid.p12 = -grid.p21;
+    const double middle = 0.5 * (kCount - 1);
+    grid.origin_x_px = 0.5 * (pixels - 1) - middle * (grid.p11 + grid.p12);
+    grid.origin_y_px = 0.5 * (pixels - 1) - middle * (grid.p21 + grid.p22);
+    sensor.detector = {.e_per_adu = 1.0, .read_noise_e = kReadNoise};
+    sensor.background_adu = kBias;
+    sensor.spot_sharpness = 1.3;
+    sensor.valid = Image<std::uint8_t>(kCount, kCount, 1);
+    sensor.window = Image<Window>(kCount, kCount);
+    sensor.gain_x = sensor.gain_y = Image<float>(kCount, kCount, 1.0F);
+    sensor.flux_adu = Image<float>(kCount, kCount, static_cast<float>(kElectrons));
+    sensor.ref_x_px = sensor.ref_y_px = Image<float>(kCount, kCount);
+    const int window = static_cast<int>(kPitch);
+    for (int r = 0; r < kCount; ++r) {
+      for (int c = 0; c < kCount; ++c) {
+        const auto [x, y] = grid.pixel_from_lenslet(c, r);
+        sensor.ref_x_px(r, c) = static_cast<float>(x);
+        sensor.ref_y_px(r, c) = static_cast<float>(y);
+        sensor.window(r, c) = {static_cast<int>(std::lround(x - 0.5 * (window - 1))),
+                               static_cast<int>(std::lround(y - 0.5 * (window - 1))), window,
+                               window};
+      }
+    }
+  }
+
+  Image<std::uint16_t> draw(const Displacement& moved, const Brightness& brightness,
+                            std::uint64_t number, double level = 0.0) const {
+    RandomStream random(kSeed, number);
+    Image<double> light(format.rows, format.cols);
+    for (int r = 0; r < kCount; ++r) {
+      for (int c = 0; c < kCount; ++c) {
+        const auto [dx, dy] = moved(r, c);
+        add_spot(light, static_cast<double>(sensor.ref_x_px(r, c)) + dx,
+                 static_cast<double>(sensor.ref_y_px(r, c)) + dy, brightness(r, c) * kElectrons);
+      }
+    }
+    Image<std::uint16_t> counts(format.rows, format.cols);
+    for (std::size_t i = 0; i < counts.size(); ++i) {
+      const double noise = std::sqrt(light[i] + kReadNoise * kReadNoise) * random.gaussian();
+      counts[i] =
+          static_cast<std::uint16_t>(std::max(0.0, std::round(kBias + level + light[i] + noise)));
+    }
+    return counts;
+  }
+
+  static void add_spot(Image<double>& light, double x, double y, double electrons) {
+    const auto part = [](int pixel, double centre) {
+      const double scale = kSigma * std::numbers::sqrt2;
+      return 0.5 *
+             (std::erf((pixel + 0.5 - centre) / scale) - std::erf((pixel - 0.5 - centre) / scale));
+    };
+    const int reach = 10;
+    const int x0 = static_cast<int>(std::lround(x)), y0 = static_cast<int>(std::lround(y));
+    for (int row = std::max(y0 - reach, 0); row <= std::min(y0 + reach, light.rows() - 1); ++row)
+      for (int col = std::max(x0 - reach, 0); col <= std::min(x0 + reach, light.cols() - 1); ++col)
+        light(row, col) += electrons * part(row, y) * part(col, x);
+  }
+
+  Sensor sensor;
+  FrameFormat format;
+};
+
+/// Follows the frames of one scene.
+struct Following {
+  explicit Following(const Scene& of)
+      : scene(of),
+        plan(scene.sensor, scene.format),
+        level_plan(scene.sensor, plan, {}),
+        sharp_plan(scene.sensor, scene.format),
+        follower(scene.sensor, plan, level_plan, {}),
+        levels(level_plan),
+        sharp(kCount, kCount),
+        centroids(kCount, kCount) {}
+
+  FollowState see(const Displacement& moved, const Brightness& brightness = all_lit,
+                  double level = 0.0) {
+    counts = scene.draw(moved, brightness, ++frames, level);
+    return measure();
+  }
+  FollowState measure() {
+    const FrameView view{.pixels = reinterpret_cast<const std::byte*>(counts.data()),
+                         .rows = counts.rows(),
+                         .cols = counts.cols(),
+                         .pixel_type = PixelType::kU16};
+    return follower.measure(plan, level_plan, sharp_plan, view, levels, sharp, centroids);
+  }
+
+  /// The largest mean error along an axis, px, and how many spots are more than .5 px off.
+  struct Errors {
+    double mean_px = 0.0;
+    int wrong = 0;
+  };
+  Errors errors(const Displacement& moved) const {
+    Errors errors;
+    double x = 0.0, y = 0.0;
+    for (int r = 0; r < kCount; ++r) {
+      for (int c = 0; c < kCount; ++c) {
+        if (centroids.state(r, c) != LensletState::kValid) continue;
+        const auto [dx, dy] = moved(r, c);
+        const double ex = static_cast<double>(centroids.x_px(r, c) - scene.sensor.ref_x_px(r, c));
+        const double ey = static_cast<double>(centroids.y_px(r, c) - scene.sensor.ref_y_px(r, c));
+        x += ex - dx;
+        y += ey - dy;
+        errors.wrong += std::hypot(ex - dx, ey - dy) > 0.5 ? 1 : 0;
+      }
+    }
+    if (centroids.n_valid > 0)
+      errors.mean_px = std::max(std::abs(x), std::abs(y)) / centroids.n_valid;
+    return errors;
+  }
+
+  const Scene& scene;
+  CentroidPlan plan;
+  LevelPlan level_plan;
+  SharpPixelPlan sharp_plan;
+  WindowFollower follower;
+  FrameLevels levels;
+  SharpPixels sharp;
+  Centroids centroids;
+  Image<std::uint16_t> counts;
+  std::uint64_t frames = 0;
+};
+
+TEST(WindowFollower, LeavesWindowsWhereSpotsHaveNotMoved) {
+  const Scene scene;
+  Following following(scene);
+  for (const double shift : {0.0, 0.03, -0.05}) {
+    EXPECT_EQ(following.see(tilt(shift, -shift)), FollowState::kSettled);
+    EXPECT_EQ(following.centroids.n_valid, kCount * kCount);
+    for (const float moved : following.centroids.moved_x_px) EXPECT_EQ(moved, 0.0F);
+    for (const float low : following.centroids.low_y_px) EXPECT_EQ(low, 0.0F);
+    EXPECT_LT(following.errors(tilt(shift, -shift)).mean_px, 0.02);
+  }
+}
+
+TEST(WindowFollower, FindsSpotsAnywhereInASingleFrameOrSaysThatTheyAreLost) {
+  const Scene scene;
+  int lost = 0;
+  for (double x = -1.9; x < 2.0; x += 0.35) {
+    for (const double y : {0.0, 0.27, -0.5, 1.1}) {
+      Following following(scene);
+      const FollowState state = following.see(tilt(x, y));
+      const Following::Errors errors = following.errors(tilt(x, y));
+      EXPECT_EQ(errors.wrong, 0) << "tilt " << x << ", " << y << " pitches";
+      if (state == FollowState::kLost) {
+        EXPECT_EQ(following.centroids.n_valid, 0);
+        ++lost;
+        continue;
+      }
+      EXPECT_GT(following.centroids.n_valid, 220) << x << ", " << y;
+      EXPECT_LT(errors.mean_px, 0.02) << x << ", " << y;
+    }
+  }
+  EXPECT_EQ(lost, 0) << "the rim of the beam decides in all of these";
+}
+
+TEST(WindowFollower, FindsGridsThatAreWiderNarrowerTurnedAndBent) {
+  struct Bend {
+    std::string name;
+    double scale, turn, cubic;
+  };
+  for (const Bend& bend : {Bend{"wider", 0.07, 0.0, 0.0}, Bend{"narrower", -0.08, 0.0, 0.0},
+                           Bend{"turned", 0.0, 0.05, 0.0}, Bend{"both", 0.05, -0.03, 0.0},
+                           Bend{"coma", 0.03, 0.0, 0.008}}) {
+    const Scene scene;
+    Following following(scene);
+    const Displacement moved = [&](int row, int col) {
+      const double u = col - 7.5, v = row - 7.5;
+      return Place{kPitch * (bend.scale * u - bend.turn * v + bend.cubic * u * v),
+                   kPitch * (bend.scale * v + bend.turn * u + bend.cubic * v * v)};
+    };
+    EXPECT_NE(following.see(moved), FollowState::kLost) << bend.name;
+    const Following::Errors errors = following.errors(moved);
+    EXPECT_EQ(errors.wrong, 0) << bend.name;
+    EXPECT_LT(errors.mean_px, 0.02) << bend.name;
+    EXPECT_GT(following.centroids.n_valid, 225) << bend.name;
+  }
+}
+
+TEST(WindowFollower, FindsSpotsOfTurnedSensors) {
+  for (const double degrees : {-20.0, 30.0, 45.0}) {
+    const Scene scene(degrees);
+    Following following(scene);
+    EXPECT_NE(following.see(tilt(0.6, -0.3)), FollowState::kLost) << degrees;
+    EXPECT_EQ(following.errors(tilt(0.6, -0.3)).wrong, 0) << degrees;
+    EXPECT_GT(following.centroids.n_valid, 245) << degrees;
+  }
+}
+
+TEST(WindowFollower, FollowsADriftOfAPitchInAHundredFrames) {
+  const Scene scene;
+  Following following(scene);
+  for (int k = 0; k <= 100; ++k) {
+    const Displacement moved = tilt(0.01 * k, -0.006 * k);
+    EXPECT_LE(following.see(moved), FollowState::kMoved) << k;
+    EXPECT_LT(following.errors(moved).mean_px, 0.02) << k;
+    EXPECT_EQ(following.errors(moved).wrong, 0) << k;
+    EXPECT_GE(following.centroids.n_valid, 240) << k;
+  }
+}
+
+TEST(WindowFollower, AStepIsFoundByWhichLensletsWereLit) {
+  for (const Place step : {Place{0.8, 0.0}, Place{1.0, 0.0}, Place{-1.0, 1.0}, Place{0.0, -1.6}}) {
+    for (const bool at_rim : {false, true}) {
+      const Scene scene;
+      Following following(scene);
+      const Brightness beam = at_rim ? all_lit : round_beam;
+      for (int k = 0; k < 5; ++k) following.see(tilt(0.0, 0.0), beam);
+      const Displacement moved = tilt(step[0], step[1]);
+      for (int k = 0; k < 3; ++k) {
+        following.see(moved, beam);
+        EXPECT_EQ(following.errors(moved).wrong, 0)
+            << step[0] << ", " << step[1] << " frame " << k << (at_rim ? " at the rim" : "");
+      }
+      EXPECT_GT(following.centroids.n_valid, at_rim ? 210 : 75) << step[0] << ", " << step[1];
+    }
+  }
+}
+
+TEST(WindowFollower, HalfAPitchOfABeamWithoutARimIsNotDecided) {
+  // The beam is wider than the array: its spots lie beyond the array as well.
+  const Scene scene;
+  Following following(scene);
+  const auto see = [&](double pitches) {
+    Image<double> light(scene.format.rows, scene.format.cols);
+    for (int r = -2; r < kCount + 2; ++r)
+      for (int c = -2; c < kCount + 2; ++c) {
+        const auto [x, y] = scene.sensor.grid.pixel_from_lenslet(c + pitches, r);
+        Scene::add_spot(light, x, y, kElectrons);
+      }
+    RandomStream random(kSeed, ++following.frames);
+    following.counts = Image<std::uint16_t>(light.rows(), light.cols());
+    for (std::size_t i = 0; i < light.size(); ++i)
+      following.counts[i] =
+          static_cast<std::uint16_t>(std::round(kBias + light[i] + kReadNoise * random.gaussian()));
+    return following.measure();
+  };
+  EXPECT_EQ(see(0.0), FollowState::kSettled);
+  EXPECT_EQ(see(0.5), FollowState::kLost);
+  EXPECT_EQ(following.centroids.n_valid, 0);
+  EXPECT_EQ(see(0.05), FollowState::kSettled);
+}
+
+TEST(WindowFollower, SaysThatThereIsNoLightAndGoesOnWhereItWas) {
+  const Scene scene;
+  Following following(scene);
+  following.see(tilt(0.0, 0.0), round_beam);
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_EQ(following.see(tilt(0.0, 0.0), [](int, int) { return 0.0; }), FollowState::kNoLight);
+    EXPECT_EQ(following.centroids.n_valid, 0);
+  }
+  const Displacement moved = tilt(0.7, 0.2);
+  EXPECT_EQ(following.see(moved, round_beam), FollowState::kAcquired);
+  EXPECT_EQ(following.errors(moved).wrong, 0);
+  EXPECT_GT(following.centroids.n_valid, 75);
+}
+
+TEST(WindowFollower, LightWithoutALatticeIsNoSpot) {
+  const Scene scene;
+  for (std::uint64_t seed = 0; seed < 10; ++seed) {
+    Following following(scene);
+    RandomStream random(kSeed + seed, 7);
+    std::vector<Place> places;
+    for (int k = 0; k < kCount * kCount; ++k)
+      places.push_back({kPitch * (random.uniform() - 0.5), kPitch * (random.uniform() - 0.5)});
+    const Displacement anywhere = [&](int r, int c) { return places[as_size(r * kCount + c)]; };
+    EXPECT_EQ(following.see(anywhere), FollowState::kLost) << "seed " << kSeed + seed;
+    EXPECT_EQ(following.centroids.n_valid, 0) << "seed " << kSeed + seed;
+  }
+}
+
+TEST(WindowFollower, StrayLightBesideTheBeamIsNoSpot) {
+  const Scene scene;
+  for (std::uint64_t seed = 0; seed < 5; ++seed) {
+    Following following(scene);
+    RandomStream random(kSeed + seed, 8);
+    std::vector<Place> places;
+    std::vector<double> light;
+    for (int k = 0; k < kCount * kCount; ++k) {
+      places.push_back({kPitch * (random.uniform() - 0.5), kPitch * (random.uniform() - 0.5)});
+      light.push_back(0.3 * random.uniform());
+    }
+    const auto in_beam = [](int row, int col) { return round_beam(row, col) > 0.0; };
+    following.see(
+        [&](int r, int c) { return in_beam(r, c) ? Place{} : places[as_size(r * kCount + c)]; },
+        [&](int r, int c) { return in_beam(r, c) ? 1.0 : light[as_size(r * kCount + c)]; });
+    int beam = 0;
+    int stray = 0;
+    int evidence = 0;
+    for (int r = 0; r < kCount; ++r) {
+      for (int c = 0; c < kCount; ++c) {
+        const bool valid = following.centroids.state(r, c) == LensletState::kValid;
+        (in_beam(r, c) ? beam : stray) += valid ? 1 : 0;
+        evidence += !in_beam(r, c) && following.centroids.state(r, c) != LensletState::kLost;
+      }
+    }
+    EXPECT_GE(beam, 84) << "of 88, seed " << kSeed + seed;
+    EXPECT_LE(stray, 2) << "of 168, seed " << kSeed + seed;
+    EXPECT_LE(evidence, 20) << "seed " << kSeed + seed;
+  }
+}
+
+TEST(WindowFollower, TheLevelIsFoundWhereSpotsLieOnItsCorners) {
+  const Scene scene;
+  Following following(scene);
+  const Displacement moved = tilt(0.5, 0.48);
+  EXPECT_NE(following.see(moved, all_lit, 40.0), FollowState::kLost);
+  EXPECT_LT(following.errors(moved).mean_px, 0.02);
+  for (const float level : following.levels.level) EXPECT_NEAR(level, 40.0F, 6.0F);
+}
+
+}  // namespace
+}  // namespace curlew
