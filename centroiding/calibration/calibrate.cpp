@@ -387,7 +387,8 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
   }
   sensor.spot_sharpness = measure_sharpness(sensor, light);
   const WindowGains gains =
-      find_window_gains(sensor, measured, threshold, options, input.adu_per_count);
+      find_window_gains(sensor, light, measured, threshold, options,
+                        {input.reference_frames, input.adu_per_count, input.light_is_cut});
   sensor.spot_blur_px = gains.spot_blur_px;
   set_gains(sensor, measured, gains.gains, notes);
   return gains.width_over_diffraction;
@@ -431,6 +432,8 @@ Calibration calibrate_sensor(const CalibrationInput& input) {
   adopt_found_bad_pixels(sensor, found, calibration.notes);
   const Image<float> level =
       find_level(corrected, sensor, found, !input.dark_adu.empty(), calibration.notes);
+  calibration.level_adu = quantile(std::vector<float>(level.begin(), level.end()), 0.5) -
+                          (input.dark_adu.empty() ? sensor.background_adu : 0.0);
   Image<float> light = corrected;
   for (std::size_t i = 0; i < light.size(); ++i) light[i] -= level[i];
   sensor.detector = complete_detector(input, found, light, calibration.notes);

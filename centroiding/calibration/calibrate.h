@@ -29,11 +29,15 @@ struct CalibrationInput {
   int offset_x_px = 0;
   int offset_y_px = 0;
   int binning = 1;
+  /// Each lenslet's light ends at its window, as in simulated frames: no neighbour's comes in.
+  bool light_is_cut = false;
   CentroidOptions centroid;  ///< thresholds with which flux and window gain are measured
 };
 
 struct Calibration {
   Sensor sensor;
+  /// The median level between the spots, above the sensor's dark, that was taken off the reference.
+  double level_adu = 0.0;
   double width_over_diffraction = kUnknown;  ///< of the typical spot; NaN where it is not known
   /// Each note is a sentence that says what was not given and how it was found.
   std::vector<std::string> notes;

@@ -134,6 +134,44 @@ WindowGain gain_of_kernel(const Sensor& sensor, CentroidOptions options, const S
           apart(centroids.y_px[2], centroids.y_px[3]) / (2.0 * kShiftPx)};
 }
 
+/// Returns the weights of the pixels −2…3 px from one for the value `part` px behind it (0 to 1),
+/// after Lagrange. They are exact for polynomials up to the fifth degree, so that a picture moves
+/// by what it is told to.
+std::array<double, 6> lagrange_weights(double part) {
+  std::array<double, 6> weights{};
+  for (int i = 0; i < 6; ++i) {
+    double weight = 1.0;
+    for (int k = 0; k < 6; ++k) {
+      if (k != i) weight *= (part - (k - 2)) / (i - k);
+    }
+    weights[static_cast<std::size_t>(i)] = weight;
+  }
+  return weights;
+}
+
+/// Returns the window's pixels [h, w] of the picture moved by (dx, dy) px, of which one is 0.
+/// Beyond the frame its outermost pixels go on.
+Image<float> move_picture(const Image<float>& light, const Window& window, double dx, double dy) {
+  const bool along_x = dx != 0.0;
+  const double from = along_x ? -dx : -dy;
+  const int first = static_cast<int>(std::floor(from));
+  const std::array<double, 6> weights = lagrange_weights(from - first);
+  Image<float> moved(window.h, window.w);
+  for (int r = 0; r < window.h; ++r) {
+    for (int c = 0; c < window.w; ++c) {
+      double sum = 0.0;
+      for (int i = 0; i < 6; ++i) {
+        const int step = first + i - 2;
+        const int row = std::clamp(window.y0 + r + (along_x ? 0 : step), 0, light.rows() - 1);
+        const int col = std::clamp(window.x0 + c + (along_x ? step : 0), 0, light.cols() - 1);
+        sum += weights[static_cast<std::size_t>(i)] * static_cast<double>(light(row, col));
+      }
+      moved(r, c) = static_cast<float>(sum);
+    }
+  }
+  return moved;
+}
+
 }  // namespace
 
 WindowMeasurement measure_window(const Image<float>& light, const Image<std::uint8_t>& bad,
@@ -183,23 +221,63 @@ WindowMeasurement measure_window(const Image<float>& light, const Image<std::uin
   return m;
 }
 
-WindowGains find_window_gains(const Sensor& sensor, const std::vector<WindowMeasurement>& measured,
+WindowGain gain_of_picture(const Image<float>& light, const Window& window,
+                           const SignalThreshold& threshold, const PictureNoise& noise) {
+  // Over a whole pixel the ripple cancels that pixels and threshold leave on the gain.
+  constexpr double kShiftPx = 0.5;
+  // The picture's own noise lifts pixels over the threshold as it is; what frames have beyond it
+  // is averaged over.
+  const double left = std::max(1.0 - 1.0 / noise.frames, 0.0);
+  const double rest_adu = noise.frame_adu * std::sqrt(left);
+  const auto centre = [&](double dx, double dy) {
+    const Image<float> moved = move_picture(light, window, dx, dy);
+    double peak = 0.0;
+    for (const float value : moved) peak = std::max(peak, static_cast<double>(value));
+    const double minimum = std::max(threshold.min_adu, threshold.relative * peak);
+    double sum = 0.0;
+    std::array<double, 2> at{};
+    for (int r = 0; r < window.h; ++r) {
+      for (int c = 0; c < window.w; ++c) {
+        const double signal = mean_signal(static_cast<double>(moved(r, c)), minimum, rest_adu,
+                                          noise.adu_per_e * left);
+        sum += signal;
+        at[0] += signal * c;
+        at[1] += signal * r;
+      }
+    }
+    if (sum <= 0.0) return std::array<double, 2>{kUnknown, kUnknown};
+    return std::array<double, 2>{at[0] / sum, at[1] / sum};
+  };
+  return {(centre(kShiftPx, 0.0)[0] - centre(-kShiftPx, 0.0)[0]) / (2.0 * kShiftPx),
+          (centre(0.0, kShiftPx)[1] - centre(0.0, -kShiftPx)[1]) / (2.0 * kShiftPx)};
+}
+
+WindowGains find_window_gains(const Sensor& sensor, const Image<float>& light,
+                              const std::vector<WindowMeasurement>& measured,
                               const SignalThreshold& threshold, const CentroidOptions& options,
-                              double adu_per_count) {
+                              const ReferenceFrames& reference) {
   const double model_px = 2.0 * std::numbers::pi / sensor.optics.slope_rad_per_px();
   const SpotWidth width = fit_width(sensor, measured, model_px, threshold);
   const SpotModel model(model_px, width.blur_px);
   const double adu_per_e = 1.0 / sensor.detector.e_per_adu;
   // The last term is the noise of rounding.
-  const double noise_adu =
-      std::hypot(sensor.detector.read_noise_e * adu_per_e, adu_per_count * std::sqrt(1.0 / 12.0));
+  const double noise_adu = std::hypot(sensor.detector.read_noise_e * adu_per_e,
+                                      reference.adu_per_count * std::sqrt(1.0 / 12.0));
   // A spot as wide as its window hardly moves in it.
   constexpr double kMinOnModel = 0.1;
+  // These are the second moments, x and y together, of the narrowest spot to be interpolated.
+  constexpr double kWellSampledPx2 = 1.6;
   std::vector<WindowGain> gains(measured.size());
   for (std::size_t k = 0; k < measured.size(); ++k) {
     if (sensor.valid[k] == 0) continue;
     const Window& window = sensor.window[k];
     const bool gravity = is_centre_of_gravity(options.method);
+    if (gravity && !reference.light_is_cut && measured[k].gain_is_sure &&
+        measured[k].spread_px2 >= kWellSampledPx2) {
+      gains[k] =
+          gain_of_picture(light, window, threshold, {noise_adu, adu_per_e, reference.frames});
+      if (std::isfinite(gains[k].x) && std::isfinite(gains[k].y)) continue;
+    }
     SpotView view = view_of(model, window, measured[k], threshold);
     const WindowGain measured_on_model =
         measure_window(model.picture(view), {}, {0, 0, window.w, window.h}, threshold, 0.0).gain;

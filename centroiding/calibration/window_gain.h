@@ -41,13 +41,35 @@ WindowMeasurement measure_window(const Image<float>& light, const Image<std::uin
                                  const Window& window, const SignalThreshold& threshold,
                                  double noise_adu);
 
+/// This is the noise of a frame, and of the mean of the reference frames.
+struct PictureNoise {
+  double frame_adu = 0.0;  ///< rms of a pixel without light
+  double adu_per_e = 0.0;  ///< photon noise follows from it
+  int frames = 1;          ///< whose mean the picture is
+};
+
+/// Returns the gain of the centre of gravity that the picture itself shows when it is moved by
+/// ±0.5 px under the window, neighbours' light and all. Between pixels it is interpolated after
+/// Lagrange (six points), which takes spots of σ ≥ 0.9 px. `light` is as for measure_window().
+WindowGain gain_of_picture(const Image<float>& light, const Window& window,
+                           const SignalThreshold& threshold, const PictureNoise& noise);
+
+/// This says how the reference picture came about.
+struct ReferenceFrames {
+  int frames = 1;              ///< whose mean it is
+  double adu_per_count = 1.0;  ///< their values are rounded to it
+  bool light_is_cut = false;   ///< CalibrationInput::light_is_cut
+};
+
 struct WindowGains {
   std::vector<WindowGain> gains;             ///< [rows·cols], 1 where a lenslet is not valid
   double width_over_diffraction = kUnknown;  ///< of the typical spot; NaN for unknown optics
   double spot_blur_px = 0.0;  ///< σ of the blur that widens the typical spot beyond diffraction
 };
 
-/// Returns the gains of all valid lenslets. For the centres of gravity they are the measured ones,
+/// Returns the gains of all valid lenslets. Where spots are well sampled and no light is cut,
+/// gain_of_picture() tells
+/// the gain of the centres of gravity. Where they are not, the gains are the measured ones,
 /// corrected by their error on the modelled spot. At 2 pixels per λ/w the edge pixel reaches from
 /// one fringe of the spot into the next, and the measured gain is wrong by up to 15 %. On the
 /// model, which has the lenslet's window, position and flux, both the measured and the true gain
@@ -59,10 +81,11 @@ struct WindowGains {
 /// pixels is not linear (it varies by 15 % with 6 px of 2 per λ/w).
 ///
 /// The model's blur gives it the spread of the typical spot, which is the one of median spread.
-/// Flux, and the noise at the threshold, are those of one frame of the reference, whose values are
-/// rounded to adu_per_count.
-WindowGains find_window_gains(const Sensor& sensor, const std::vector<WindowMeasurement>& measured,
+/// Flux, and the noise at the threshold, are those of one frame of the reference. `light` is as for
+/// measure_window().
+WindowGains find_window_gains(const Sensor& sensor, const Image<float>& light,
+                              const std::vector<WindowMeasurement>& measured,
                               const SignalThreshold& threshold, const CentroidOptions& options,
-                              double adu_per_count);
+                              const ReferenceFrames& reference);
 
 }  // namespace curlew

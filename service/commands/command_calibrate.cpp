@@ -12,6 +12,7 @@
 #include "acquisition/recording/fits_cube.h"
 #include "acquisition/recording/fits_source.h"
 #include "acquisition/recording/mean_image.h"
+#include "acquisition/recording/recording.h"
 #include "centroiding/calibration/calibrate.h"
 #include "centroiding/calibration/dark_check.h"
 #include "core/error.h"
@@ -151,6 +152,8 @@ CalibrationInput read_input(const CalibrateOptions& options, const FitsSource& s
   if (!reference.variance.empty())
     input.reference_variance_adu2 = converted<float>(reference.variance);
   input.adu_per_count = source.format().scale_adu;
+  // Only simulated recordings tell the truth.
+  input.light_is_cut = read_truth(options.reference).has_value();
   input.value_step = common_step(options.reference, reference_selection(options));
   if (!options.dark.empty()) {
     const MeanImage dark = read_map(options.dark, reference,
@@ -204,13 +207,23 @@ void calibrate_on_recording(const CalibrateOptions& options) {
   FitsSource source({options.reference}, reference_selection(options));
   CalibrationInput input = read_input(options, source);
   input.centroid = config.centroid;
-  Calibration calibration = [&] {
+  const auto calibrated = [&] {
     try {
       return calibrate_sensor(input);
     } catch (const Failure& failure) {
       throw Failure(options.reference + ": " + failure.what());
     }
-  }();
+  };
+  Calibration calibration = calibrated();
+  if (config.centroid.follow_level) {
+    // Frames may need a higher threshold than their read noise says. Gains must be for that one.
+    FitsSource frames({options.reference}, reference_selection(options));
+    input.centroid.threshold_adu =
+        std::max(input.centroid.threshold_adu,
+                 find_frame_threshold_adu(frames, config.centroid, calibration.sensor) -
+                     calibration.level_adu);
+    calibration = calibrated();
+  }
   Sensor& sensor = calibration.sensor;
   const ReferenceReport report = measure_reference_spots(source, config.centroid, sensor);
   write_sensor(options.out, sensor);

@@ -102,4 +102,22 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
   return report;
 }
 
+double find_frame_threshold_adu(FrameSource& source, const CentroidOptions& options,
+                                const Sensor& sensor) {
+  constexpr std::size_t kFrames = 32;
+  const CentroidPlan plan(sensor, source.format(), options);
+  const LevelPlan level_plan(sensor, plan, options);
+  FrameLevels levels(level_plan);
+  FrameBuffer frame(source.format());
+  std::vector<double> thresholds_adu;
+  while (thresholds_adu.size() < kFrames && source.next(frame) == Delivery::kFrame) {
+    measure_levels(level_plan, level_plan.pixels(), frame.view(), levels);
+    levels.scratch = levels.level;
+    const float level = median_of(std::span(levels.scratch.begin(), levels.scratch.end()));
+    thresholds_adu.push_back(static_cast<double>(level + levels.threshold) *
+                             source.format().scale_adu);
+  }
+  return thresholds_adu.empty() ? 0.0 : median_of(std::span(thresholds_adu));
+}
+
 }  // namespace curlew

@@ -21,4 +21,10 @@ struct ReferenceReport {
 ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptions& options,
                                         Sensor& sensor);
 
+/// Returns how far above the sensor's dark the first frames of the source have their threshold T
+/// under these options, level and all, in ADU; the median of at most 32. Window gains are those for
+/// this T.
+double find_frame_threshold_adu(FrameSource& source, const CentroidOptions& options,
+                                const Sensor& sensor);
+
 }  // namespace curlew

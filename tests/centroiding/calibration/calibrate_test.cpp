@@ -85,18 +85,23 @@ TEST(Calibrate, KeepsWindowsApartOnRotatedAndAberratedGrids) {
   }
 }
 
-/// Draws 9×9 Gaussian spots, each cut off at its own cell of 10×10 px and dx from the middle of the
-/// cell.
-Image<float> draw_cut_spots(double sigma_px, double dx) {
+/// Draws 9×9 Gaussian spots 10 px apart, wings and all, moved by dx from the middles of their
+/// cells.
+Image<float> draw_wide_spots(double sigma_px, double dx) {
   constexpr int kCell = 10;
   constexpr int kSide = 130;
   Image<float> image(kSide, kSide, 100.0F);
-  for (int r = 2 * kCell; r < kSide - 2 * kCell; ++r) {
-    for (int c = 2 * kCell; c < kSide - 2 * kCell; ++c) {
-      const double x = c % kCell - 0.5 * (kCell - 1) - dx;
-      const double y = r % kCell - 0.5 * (kCell - 1);
-      image(r, c) +=
-          static_cast<float>(2000.0 * std::exp(-0.5 * (x * x + y * y) / (sigma_px * sigma_px)));
+  for (int r = 0; r < kSide; ++r) {
+    for (int c = 0; c < kSide; ++c) {
+      double along_x = 0.0;
+      double along_y = 0.0;
+      for (int k = 2; k < 11; ++k) {
+        const double x = c - kCell * k - 0.5 * (kCell - 1) - dx;
+        const double y = r - kCell * k - 0.5 * (kCell - 1);
+        along_x += std::exp(-0.5 * x * x / (sigma_px * sigma_px));
+        along_y += std::exp(-0.5 * y * y / (sigma_px * sigma_px));
+      }
+      image(r, c) += static_cast<float>(2000.0 * along_x * along_y);
     }
   }
   return image;
@@ -106,14 +111,14 @@ TEST(Calibrate, WindowGainIsWhatADisplacementIsMultipliedBy) {
   for (const double sigma_px : {1.0, 1.8, 2.2}) {
     SCOPED_TRACE("sigma " + std::to_string(sigma_px));
     CalibrationInput input;
-    input.reference_adu = draw_cut_spots(sigma_px, 0.0);
+    input.reference_adu = draw_wide_spots(sigma_px, 0.0);
     input.dark_adu = Image<float>(130, 130, 100.0F);
     input.detector.read_noise_e = 0.0;
     const Sensor sensor = calibrate_sensor(input).sensor;
 
     constexpr double kShift = 0.1;
-    const Image<float> right = draw_cut_spots(sigma_px, kShift);
-    const Image<float> left = draw_cut_spots(sigma_px, -kShift);
+    const Image<float> right = draw_wide_spots(sigma_px, kShift);
+    const Image<float> left = draw_wide_spots(sigma_px, -kShift);
     int n = 0;
     for (std::size_t k = 0; k < sensor.valid.size(); ++k) {
       if (sensor.valid[k] == 0) continue;
