@@ -402,6 +402,8 @@ FollowState WindowFollower::measure(const CentroidPlan& plan, const LevelPlan& l
     centroids.low_y_px = model_y_px_;
     centroids.moved_x_px = moved_x_px_;
     centroids.moved_y_px = moved_y_px_;
+    centroids.n_lost = static_cast<int>(
+        std::count(centroids.state.begin(), centroids.state.end(), LensletState::kLost));
     return_windows(plan);
     return state;
   };

@@ -1,6 +1,7 @@
 // Windows that follow the spots, and lenslets whose spot is lost.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -24,6 +25,8 @@ enum class FollowState : std::uint8_t {
   kLost,      ///< the spots were not found; every lenslet with light is kLost
   kNoLight,   ///< there is hardly any light
 };
+
+inline constexpr std::size_t kFollowStates = 5;  ///< the number of values of FollowState
 
 /// Follows the spots of one sensor from frame to frame. Its state belongs to the frames of one
 /// plan, in their order; one thread calls it.

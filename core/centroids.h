@@ -61,6 +61,7 @@ struct Centroids {
   Image<LensletState> state;
   int n_valid = 0;
   int n_saturated = 0;
+  int n_lost = 0;  ///< lenslets that are kLost, where windows follow the spots
 };
 
 }  // namespace curlew

@@ -28,6 +28,8 @@ void RunReport::merge(const RunReport& other) {
   late += other.late;
   not_converged += other.not_converged;
   measured += other.measured;
+  for (std::size_t i = 0; i < kFollowStates; ++i) followed[i] += other.followed[i];
+  lost += other.lost;
   for (std::size_t i = 0; i < kLensletStates; ++i) unmeasured[i] += other.unmeasured[i];
   for (std::size_t i = 0; i < kStageCount; ++i) stage[i].merge(other.stage[i]);
   publish.merge(other.publish);
@@ -62,6 +64,28 @@ std::string nothing_measured(const RunReport& report) {
   }
   return "nothing was measured: of " + std::to_string(all) + " spots in " +
          std::to_string(report.frames) + " frames " + text;
+}
+
+std::string followed_text(const RunReport& report) {
+  const auto frames = [&](FollowState state) {
+    return report.followed[static_cast<std::size_t>(state)];
+  };
+  std::string text;
+  const auto add = [&](FollowState state, const std::string& what) {
+    if (frames(state) == 0) return;
+    text += (text.empty() ? "" : ", ") + what + " in " + std::to_string(frames(state)) + " of " +
+            std::to_string(report.frames) + " frames";
+  };
+  add(FollowState::kMoved, "windows moved after the spots");
+  add(FollowState::kAcquired, "spots were found anew");
+  add(FollowState::kLost, "spots were not found");
+  add(FollowState::kNoLight, "there was no light");
+  if (report.lost > 0) {
+    const std::int64_t all = report.lost + report.measured;
+    text += (text.empty() ? "" : "; ") + std::to_string((200 * report.lost + all) / (2 * all)) +
+            " % of the lenslets had no spot of their own, as beyond the beam";
+  }
+  return text;
 }
 
 std::string found_text(const RunReport& report) {
@@ -236,6 +260,8 @@ void Pipeline::publish(FrameSlot& slot, const Publisher& publisher) {
   const FrameHeader& header = slot.frame->header;
   ++report_.frames;
   count_lenslets(slot.centroids);
+  if (slot.follower != nullptr) ++report_.followed[static_cast<std::size_t>(slot.follow_state)];
+  report_.lost += slot.centroids.n_lost;
   report_.vortices += static_cast<std::int64_t>(slot.vortices.size());
   report_.overflow += slot.vortices.overflow();
   report_.not_converged += slot.split.converged ? 0 : 1;

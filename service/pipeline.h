@@ -26,6 +26,10 @@ struct RunReport {
   std::int64_t late = 0;           ///< frames whose results missed the deadline
   std::int64_t not_converged = 0;  ///< frames whose split stopped at its iteration limit
   std::int64_t measured = 0;       ///< valid lenslets, over all frames
+  /// How many frames each FollowState had, and how often lenslets were kLost; for frames whose
+  /// windows follow the spots.
+  std::array<std::int64_t, kFollowStates> followed{};
+  std::int64_t lost = 0;
   /// How often the plan's lenslets were in each LensletState, in the frames before the first that
   /// has a valid one.
   std::array<std::int64_t, kLensletStates> unmeasured{};
@@ -40,6 +44,10 @@ struct RunReport {
 /// Returns a sentence on why nothing was measured in the frames of a run, the most frequent reasons
 /// first; empty if at least one lenslet of one frame was valid, or if there was no frame.
 std::string nothing_measured(const RunReport& report);
+
+/// Returns a sentence on where the spots were and how many were lost; empty if all were where the
+/// windows are.
+std::string followed_text(const RunReport& report);
 
 /// Returns how many vortices were found, as "3 vortices", or "nothing measured".
 std::string found_text(const RunReport& report);

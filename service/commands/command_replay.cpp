@@ -149,6 +149,7 @@ void print_summary(const RunReport& report, const Config& config,
   fmt::print("{} frames, {}, {} frames dropped, {:.1f} frames/s\n", report.frames,
              found_text(report), report.dropped,
              static_cast<double>(report.frames) / report.seconds);
+  if (const std::string text = followed_text(report); !text.empty()) fmt::print("{}\n", text);
   if (report.overflow > 0)
     fmt::print("{} more vortices did not fit: raise [pipeline] max_vortices\n", report.overflow);
   if (report.not_converged > 0)

@@ -47,6 +47,8 @@ void print_report(const DaemonReport& report) {
   if (report.recorder.files > 0)
     fmt::print("recorded {} frames in {} files, {} frames dropped\n", report.recorder.recorded,
                report.recorder.files, report.recorder.dropped);
+  if (const std::string text = followed_text(report.results); !text.empty())
+    fmt::print("{}\n", text);
   if (report.unwritten > 0) fmt::print("{} results not written as JSON\n", report.unwritten);
   fmt::print("\n{}", latency_table(report.results));
 }

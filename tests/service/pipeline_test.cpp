@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <cstring>
 #include <stdexcept>
 #include <thread>
@@ -59,7 +61,36 @@ struct Collected {
   RunReport report;
 };
 
-Collected run(Threading threads, std::size_t slots, DetectMethod method) {
+/// The simulator's frames, moved by a pixel more every eight frames; for a while there is no light.
+class WanderingSource final : public FrameSource {
+ public:
+  static constexpr std::int64_t kDarkFrom = 60;
+  static constexpr std::int64_t kDarkTo = 70;
+  explicit WanderingSource(Simulator& simulator) : simulator_(simulator) {}
+  const FrameFormat& format() const override { return simulator_.format(); }
+  std::int64_t frame_count() const override { return simulator_.frame_count(); }
+  Delivery next(FrameBuffer& into) override {
+    if (simulator_.next(into) != Delivery::kFrame) return Delivery::kEnd;
+    constexpr std::uint16_t kDark = 100;
+    constexpr std::int64_t kFramesAPixel = 8;
+    const bool dark = next_ >= kDarkFrom && next_ < kDarkTo;
+    const auto cols = static_cast<std::ptrdiff_t>(format().cols);
+    const std::ptrdiff_t shift = dark ? cols : std::min(next_ / kFramesAPixel, cols);
+    auto* pixels = reinterpret_cast<std::uint16_t*>(into.data());
+    for (int row = 0; row < format().rows; ++row, pixels += cols) {
+      std::move_backward(pixels, pixels + (cols - shift), pixels + cols);
+      std::fill_n(pixels, shift, kDark);
+    }
+    ++next_;
+    return Delivery::kFrame;
+  }
+
+ private:
+  Simulator& simulator_;
+  std::int64_t next_ = 0;
+};
+
+Collected run(Threading threads, std::size_t slots, DetectMethod method, bool wandering = false) {
   Simulator simulator(moving_vortices(200));
   const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
   Config config;
@@ -70,7 +101,9 @@ Collected run(Threading threads, std::size_t slots, DetectMethod method) {
   config.pipeline.slots = slots;
   Pipeline pipeline(std::make_shared<const Plan>(sensor, simulator.format(), config),
                     config.pipeline);
-  RecordedFeed feed(simulator, {});
+  WanderingSource wanderer(simulator);
+  FrameSource& source = wandering ? static_cast<FrameSource&>(wanderer) : simulator;
+  RecordedFeed feed(source, {});
   Collected collected;
   Publisher publisher;
   publisher.publish = [&](const FrameSlot& slot) { collected.frames.push_back(bytes_of(slot)); };
@@ -96,6 +129,21 @@ TEST_P(PipelineOfMethod, PerStageIsInlineBitForBit) {
 INSTANTIATE_TEST_SUITE_P(Methods, PipelineOfMethod,
                          ::testing::Values(DetectMethod::kCirculation, DetectMethod::kWhitened,
                                            DetectMethod::kClassifier));
+
+TEST(PipelineOfWanderers, WindowsThatFollowAreTheSameInlineAndPerStage) {
+  const Collected one = run(Threading::kInline, 1, DetectMethod::kCirculation, true);
+  const auto frames = [&](FollowState state) {
+    return one.report.followed[static_cast<std::size_t>(state)];
+  };
+  EXPECT_EQ(frames(FollowState::kNoLight), WanderingSource::kDarkTo - WanderingSource::kDarkFrom);
+  EXPECT_GE(frames(FollowState::kMoved), 4);
+  EXPECT_EQ(frames(FollowState::kLost), 0);
+  const Collected many = run(Threading::kPerStage, 8, DetectMethod::kCirculation, true);
+  ASSERT_EQ(many.frames.size(), one.frames.size());
+  for (std::size_t i = 0; i < one.frames.size(); ++i)
+    ASSERT_TRUE(many.frames[i] == one.frames[i]) << "frame " << i;
+  EXPECT_EQ(many.report.followed, one.report.followed);
+}
 
 /// This source counts up, and fails at a given frame.
 class CountingSource final : public FrameSource {
