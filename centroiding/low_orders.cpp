@@ -42,7 +42,8 @@ void LowOrdersFit::add(float u, float v, float x, float y) noexcept {
   const auto a = static_cast<double>(u), b = static_cast<double>(v);
   Terms terms;
   terms << 1.0, a, b, a * a, a * b, b * b;
-  normal_.noalias() += terms * terms.transpose();
+  for (int i = 0; i < LowOrders::kTerms; ++i)  // The lower triangle is all that is read.
+    for (int j = 0; j <= i; ++j) normal_(i, j) += terms[i] * terms[j];
   x_ += static_cast<double>(x) * terms;
   y_ += static_cast<double>(y) * terms;
   ++n_;

@@ -47,6 +47,9 @@ struct Sensor {
   double spot_blur_px = std::numeric_limits<double>::quiet_NaN();  ///< σ; NaN where it is not known
   /// σ of the reference spots above the threshold, px; NaN where it is not known.
   double spot_sigma_px = std::numeric_limits<double>::quiet_NaN();
+  /// σ of the Gaussian, integrated over pixels, that the cores of the reference spots are most
+  /// like, px; NaN where it is not known.
+  double spot_gaussian_px = std::numeric_limits<double>::quiet_NaN();
   /// A reference spot's brightest pixel over the second brightest of its four neighbours; the 90th
   /// percentile of the spots. NaN where it is not known.
   double spot_sharpness = std::numeric_limits<double>::quiet_NaN();

@@ -51,7 +51,8 @@ Image<float> gain_error(const Image<float>& gain, const Image<std::uint8_t>& val
 }  // namespace
 
 SlopePlan::SlopePlan(const Sensor& sensor)
-    : ref_x_px(sensor.valid.rows(), sensor.valid.cols()),
+    : sampling(sensor),
+      ref_x_px(sensor.valid.rows(), sensor.valid.cols()),
       ref_y_px(sensor.valid.rows(), sensor.valid.cols()),
       inverse_gain_x(sensor.valid.rows(), sensor.valid.cols()),
       inverse_gain_y(sensor.valid.rows(), sensor.valid.cols()) {
@@ -80,10 +81,11 @@ SlopePlan::SlopePlan(const Sensor& sensor)
       throw Failure("lenslet (" + std::to_string(k / cols) + ", " + std::to_string(k % cols) +
                     ") is marked valid but has no reference or gain; calibrate again");
     }
-    ref_x_px[k] = sensor.ref_x_px[k];
-    ref_y_px[k] = sensor.ref_y_px[k];
-    inverse_gain_x[k] = 1.0F / sensor.gain_x[k];
-    inverse_gain_y[k] = 1.0F / sensor.gain_y[k];
+    ref_x_px[k] = sampling.true_px(sensor.ref_x_px[k]);
+    ref_y_px[k] = sampling.true_px(sensor.ref_y_px[k]);
+    // The curve is all that keeps small spots' centres of gravity from where the spots lie.
+    inverse_gain_x[k] = sampling.empty() ? 1.0F / sensor.gain_x[k] : 1.0F;
+    inverse_gain_y[k] = sampling.empty() ? 1.0F / sensor.gain_y[k] : 1.0F;
   }
   window_variance = Image<float>(sensor.valid.rows(), sensor.valid.cols());
   const double rad_per_px = sensor.optics.slope_rad_per_px();
@@ -122,6 +124,7 @@ void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slop
   // These are locals, because a store through a float pointer might otherwise change the plan's
   // floats.
   const float m11 = plan.m11, m12 = plan.m12, m21 = plan.m21, m22 = plan.m22;
+  const bool sampled = plan.sampling.empty();
   int n_valid = 0;
   for (std::size_t k = 0; k < plan.ref_x_px.size(); ++k) {
     const Spot spot = spot_of(k);
@@ -135,8 +138,10 @@ void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slop
     // lenslet's spot is most likely where those of the others are.
     const float moved_x = measured ? centroids.moved_x_px[k] : 0.0F;
     const float moved_y = measured ? centroids.moved_y_px[k] : 0.0F;
-    const float in_window_x = (centroids.x_px[k] - plan.ref_x_px[k] - moved_x) * gx;
-    const float in_window_y = (centroids.y_px[k] - plan.ref_y_px[k] - moved_y) * gy;
+    const float x_px = sampled ? centroids.x_px[k] : plan.sampling.true_px(centroids.x_px[k]);
+    const float y_px = sampled ? centroids.y_px[k] : plan.sampling.true_px(centroids.y_px[k]);
+    const float in_window_x = (x_px - plan.ref_x_px[k] - moved_x) * gx;
+    const float in_window_y = (y_px - plan.ref_y_px[k] - moved_y) * gy;
     const bool is_dark = spot == Spot::kDark;
     const float dx = in_window_x + (is_dark ? centroids.low_x_px[k] : moved_x);
     const float dy = in_window_y + (is_dark ? centroids.low_y_px[k] : moved_y);

@@ -2,6 +2,7 @@
 // resolved along the lenslet axes and turned into radians.
 #pragma once
 
+#include "centroiding/sampling_curve.h"
 #include "centroiding/sensor.h"
 #include "core/centroids.h"
 #include "core/image.h"
@@ -15,6 +16,8 @@ struct SlopePlan {
   /// the grid has no area, or a valid lenslet has no reference or gain.
   explicit SlopePlan(const Sensor& sensor);
 
+  /// Takes the centres of gravity of undersampled spots, references included, to where they lie.
+  SamplingCurve sampling;
   Image<float> ref_x_px;  ///< [rows, cols] of lenslets; 0 where not valid
   Image<float> ref_y_px;
   Image<float> inverse_gain_x;

@@ -15,6 +15,7 @@ namespace {
 // All distances are in pitches.
 constexpr float kFollowed = 0.15F;    // Windows stay while the spots' low orders are within this.
 constexpr float kCentred = 0.1F;      // A spot farther from its window's middle gets it centred.
+constexpr float kCutOff = 0.2F;       // A window that the frame holds back by more loses light.
 constexpr float kStep = 0.3F;         // The windows are moved this far without a new search.
 constexpr float kNear = 0.42F;        // A spot farther from the fit is another lenslet's.
 constexpr float kSurelyNear = 0.3F;   // One nearer than this never is.
@@ -29,7 +30,7 @@ constexpr float kLeastSpots = 0.45F;  // of the lenslets with light, for the fit
 // The rms of spots that lie anywhere is .25; strong turbulence leaves .1.
 constexpr float kRandom = 0.2F;
 constexpr int kEnoughLight = 4;  // lenslets, at least
-constexpr std::size_t kMaxSample = 512;
+constexpr std::size_t kMaxSample = 256;
 constexpr std::int8_t kSeenMax = 8;  // frames after which a lenslet's light is believed or not
 
 // What a lenslet's window holds.
@@ -130,7 +131,7 @@ void WindowFollower::place_window(const CentroidPlan& plan, std::size_t k, int d
   spot.y0 = home.y0 + dy;
   moved_x_px_[k] = static_cast<float>(dx);
   moved_y_px_[k] = static_cast<float>(dy);
-  if (static_cast<float>(std::max(std::abs(back_x), std::abs(back_y))) > kFollowed * pitch_px_)
+  if (static_cast<float>(std::max(std::abs(back_x), std::abs(back_y))) > kCutOff * pitch_px_)
     spot.state = LensletState::kLost;
   else if (dx == 0 && dy == 0)
     spot.state = home.state;

@@ -80,7 +80,10 @@ Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config
   if (config.centroid.follow_level) {
     level.emplace(sensor, centroid, config.centroid);
     sharp.emplace(sensor, format);
-    if (config.centroid.follow_windows)
+    // A handful of spots tells no low orders, and one of them that fades would be half of all.
+    constexpr int kFewLenslets = 12;
+    const auto lenslets = std::count(sensor.valid.begin(), sensor.valid.end(), 1);
+    if (config.centroid.follow_windows && lenslets >= kFewLenslets)
       follower = std::make_unique<const WindowFollower>(sensor, centroid, *level, config.centroid);
   }
   // The tables for choosing vortices grow with the square of the number of candidates. Candidates

@@ -15,6 +15,7 @@
 #include "centroiding/calibration/sentence.h"
 #include "centroiding/calibration/spot_picture.h"
 #include "centroiding/calibration/window_gain.h"
+#include "centroiding/sampling_curve.h"
 #include "core/error.h"
 
 namespace curlew {
@@ -386,6 +387,7 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
                         "is on the detector, or nothing in it exceeds the threshold"));
   }
   sensor.spot_sharpness = measure_sharpness(sensor, light);
+  sensor.spot_gaussian_px = fit_spot_gaussian_px(light, sensor);
   const WindowGains gains =
       find_window_gains(sensor, light, measured, threshold, options,
                         {input.reference_frames, input.adu_per_count, input.light_is_cut});

@@ -90,6 +90,8 @@ void bench_latency(const BenchOptions& options) {
         fmt::format("\n{} x {} lenslets of {} x {} px, u16, dark, flat and bad pixels, {} frames\n",
                     which.cols, which.rows, which.window_px, which.window_px, report.frames);
     text += latency_table(report);
+    if (const std::string followed = followed_text(report); !followed.empty())
+      text += followed + "\n";
   }
   if (options.json) {
     fmt::print("{}\n", json.dump(2));

@@ -64,6 +64,9 @@ void write_keys(FitsFile& file, const Sensor& sensor) {
     file.write_key("SPOTSIG", sensor.spot_sigma_px, "sigma of the reference spots", "pix");
   if (std::isfinite(sensor.spot_sharpness))
     file.write_key("SPOTPEAK", sensor.spot_sharpness, "peak over its second brightest neighbour");
+  if (std::isfinite(sensor.spot_gaussian_px))
+    file.write_key("SPOTGAUS", sensor.spot_gaussian_px,
+                   "sigma of the Gaussian most like the spots' cores", "pix");
   if (std::isfinite(sensor.spot_blur_px))
     file.write_key("SPOTBLUR", sensor.spot_blur_px, "sigma of the spots beyond diffraction", "pix");
   file.write_key("CENTROID", std::string(name_of(sensor.method)), "method that GAIN is of");
@@ -161,6 +164,7 @@ void read_keys(FitsFile& file, Sensor& sensor) {
     throw Failure(file.path() + ": lenslet layout " + layout + " is not supported, only SQUARE is");
   sensor.spot_blur_px = file.key_double("SPOTBLUR").value_or(kUnknown);
   sensor.spot_sigma_px = file.key_double("SPOTSIG").value_or(kUnknown);
+  sensor.spot_gaussian_px = file.key_double("SPOTGAUS").value_or(kUnknown);
   sensor.spot_sharpness = file.key_double("SPOTPEAK").value_or(kUnknown);
   sensor.method = read_method(file);
 }
