@@ -121,8 +121,8 @@ class Reader {
   Reader(const CentroidPlan& plan, const Pixel* pixels, const CentroidPlan::Spot& spot, int start,
          float raised)
       : pixels_(pixels + spot.y0 * plan.frame_cols + start),
-        gain_(kMaps ? plan.gain.data() + spot.y0 * plan.frame_cols + start : nullptr),
-        offset_(kMaps ? plan.offset.data() + spot.y0 * plan.frame_cols + start : nullptr),
+        gain_(kMaps ? &plan.gain(spot.y0, start) : nullptr),
+        offset_(kMaps ? &plan.offset(spot.y0, start) : nullptr),
         level_(hn::Set(D(), kMaps ? raised : plan.uniform_offset + raised)),
         frame_cols_(plan.frame_cols) {}
 

@@ -174,18 +174,24 @@ void LevelPlan::place(const CentroidPlan& centroid, const LowOrders& model,
   const int reach = std::max(1, static_cast<int>(0.5 * grid_.pitch_px()));
   const int across = std::min(block_side_px_, 3);  // pixels looked at along an axis
   const double step = across > 1 ? (block_side_px_ - 1.0) / (across - 1) : 0.0;
+  // What is extrapolated into the dark may be anything.
+  const float limit = 4.0F * static_cast<float>(grid_.pitch_px());
   LevelPixel* pixel = pixels.data();
   for (int r = 0; r <= rows_; ++r) {
     const float v = model_coordinate(static_cast<float>(r) - 0.5F, rows_);
     for (int c = 0; c <= cols_; ++c) {
       const auto [dx, dy] = model.at(model_coordinate(static_cast<float>(c) - 0.5F, cols_), v);
       const auto [x, y] = grid_.pixel_from_lenslet(c - 0.5, r - 0.5);
-      const double left = x + static_cast<double>(dx) - 0.5 * (block_side_px_ - 1);
-      const double top = y + static_cast<double>(dy) - 0.5 * (block_side_px_ - 1);
-      for (int i = 0; i < block_pixels_; ++i)
-        *pixel++ =
-            good_pixel_near(centroid, static_cast<int>(std::lround(left + step * (i % across))),
-                            static_cast<int>(std::lround(top + step * (i / across))), reach);
+      const double left =
+          x + static_cast<double>(std::clamp(dx, -limit, limit)) - 0.5 * (block_side_px_ - 1);
+      const double top =
+          y + static_cast<double>(std::clamp(dy, -limit, limit)) - 0.5 * (block_side_px_ - 1);
+      for (int i = 0; i < block_pixels_; ++i) {
+        const int column = i % across;
+        const int row = i / across;
+        *pixel++ = good_pixel_near(centroid, static_cast<int>(std::lround(left + step * column)),
+                                   static_cast<int>(std::lround(top + step * row)), reach);
+      }
     }
   }
 }

@@ -14,6 +14,7 @@
 namespace curlew {
 namespace {
 
+constexpr float kFarthest = 4.0F;  // What a quadratic gives beyond the lit cells may be anything.
 constexpr float kTwoPi = 2.0F * std::numbers::pi_v<float>;
 
 /// Returns the phase of z in pitches, from −.5 to .5, of a spot whose wave is exp(−2πi u).
@@ -249,7 +250,7 @@ SpotAcquisition::Place SpotAcquisition::fraction(int row, int col) const noexcep
   for (int i = 0; i < 3; ++i) {
     const auto [u, v] = phase_.at(model_coordinate(static_cast<float>(col) + at.u, cols),
                                   model_coordinate(static_cast<float>(row) + at.v, rows));
-    at = {u, v};
+    at = {std::clamp(u, -kFarthest, kFarthest), std::clamp(v, -kFarthest, kFarthest)};
   }
   return at;
 }
