@@ -17,6 +17,12 @@ constexpr std::size_t kMaxResiduals = 2048;  // The median of so many scatters b
 /// Returns the pixel at (x, y), or a good one within a reach of it. Where there is none, it says
 /// that the level is the calibration's.
 LevelPixel good_pixel_near(const CentroidPlan& plan, int x, int y, int reach) noexcept {
+  if (x >= 0 && y >= 0 && x < plan.frame_cols && y < plan.frame_rows && !plan.gain.empty()) {
+    const int i = y * plan.frame_cols + x;
+    const float gain = plan.gain[as_size(i)];
+    if (gain > 0.0F)
+      return {.index = i, .gain = gain, .offset = plan.offset[as_size(i)] - plan.threshold};
+  }
   for (int distance = 0; distance <= reach; ++distance) {
     for (int dy = -distance; dy <= distance; ++dy) {
       for (int dx = -distance; dx <= distance; ++dx) {
@@ -174,6 +180,8 @@ void LevelPlan::place(const CentroidPlan& centroid, const LowOrders& model,
   const int reach = std::max(1, static_cast<int>(0.5 * grid_.pitch_px()));
   const int across = std::min(block_side_px_, 3);  // pixels looked at along an axis
   const double step = across > 1 ? (block_side_px_ - 1.0) / (across - 1) : 0.0;
+  std::array<int, 3> offsets{};
+  for (int i = 0; i < across; ++i) offsets[as_size(i)] = static_cast<int>(std::lround(step * i));
   // What is extrapolated into the dark may be anything.
   const float limit = 4.0F * static_cast<float>(grid_.pitch_px());
   LevelPixel* pixel = pixels.data();
@@ -182,16 +190,17 @@ void LevelPlan::place(const CentroidPlan& centroid, const LowOrders& model,
     for (int c = 0; c <= cols_; ++c) {
       const auto [dx, dy] = model.at(model_coordinate(static_cast<float>(c) - 0.5F, cols_), v);
       const auto [x, y] = grid_.pixel_from_lenslet(c - 0.5, r - 0.5);
-      const double left =
-          x + static_cast<double>(std::clamp(dx, -limit, limit)) - 0.5 * (block_side_px_ - 1);
-      const double top =
-          y + static_cast<double>(std::clamp(dy, -limit, limit)) - 0.5 * (block_side_px_ - 1);
-      for (int i = 0; i < block_pixels_; ++i) {
-        const int column = i % across;
-        const int row = i / across;
-        *pixel++ = good_pixel_near(centroid, static_cast<int>(std::lround(left + step * column)),
-                                   static_cast<int>(std::lround(top + step * row)), reach);
-      }
+      const auto first = [&](double corner, float moved) {
+        return static_cast<int>(std::lround(corner +
+                                            static_cast<double>(std::clamp(moved, -limit, limit)) -
+                                            0.5 * (block_side_px_ - 1)));
+      };
+      const int left = first(x, dx);
+      const int top = first(y, dy);
+      for (int row = 0; row < across; ++row)
+        for (int column = 0; column < across; ++column)
+          *pixel++ = good_pixel_near(centroid, left + offsets[as_size(column)],
+                                     top + offsets[as_size(row)], reach);
     }
   }
 }
