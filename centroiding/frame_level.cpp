@@ -12,6 +12,7 @@
 namespace curlew {
 namespace {
 
+constexpr double kWide = 0.18;               // pitches, above the threshold and within the window
 constexpr std::size_t kMaxResiduals = 2048;  // The median of so many scatters by 2 %.
 
 /// Returns the pixel at (x, y), or a good one within a reach of it. Where there is none, it says
@@ -167,6 +168,8 @@ LevelPlan::LevelPlan(const Sensor& sensor, const CentroidPlan& centroid,
       block_side_px_(std::max(1, static_cast<int>(std::lround(sensor.grid.pitch_px() / 5.0)))),
       block_pixels_(std::min(block_side_px_, 3) * std::min(block_side_px_, 3)),
       pixels_(as_size(rows_ + 1) * as_size(cols_ + 1) * as_size(block_pixels_)),
+      corners_are_lit_(sensor.spot_sigma_px > kWide * sensor.grid.pitch_px() &&
+                       read_noise_counts(sensor, centroid) > 0.0F),
       plain_(options.method == CentroidMethod::kPlain),
       gain_known_(sensor.detector.e_per_adu > 0.0),
       fixed_threshold_(static_cast<float>(options.threshold_adu) / centroid.adu_per_count),

@@ -49,15 +49,20 @@ class LevelPlan {
   /// noise of the sensor file asks for, so that a reference that is less noisy than the frames can
   /// be measured at their T.
   float threshold(float noise) const {
-    return plain_ ? 0.0F
-                  : std::max(fixed_threshold_, threshold_noise_ * std::max(noise, read_noise_));
+    return plain_
+               ? 0.0F
+               : std::max(fixed_threshold_, threshold_noise_ * std::max(known(noise), read_noise_));
   }
   /// The variance of a pixel's noise in counts²; 0 where the detector's gain is not known.
   float pixel_variance(float noise) const {
-    return gain_known_ ? std::max(noise * noise, 1.0F / 12.0F) : 0.0F;
+    return gain_known_ ? std::max(known(noise) * known(noise), 1.0F / 12.0F) : 0.0F;
   }
 
  private:
+  /// Spots as wide as a fifth of the pitch light the corners, unevenly, and that is no noise. There
+  /// the noise is that of the sensor file.
+  float known(float noise) const { return corners_are_lit_ ? read_noise_ : noise; }
+
   int frame_rows_;
   int frame_cols_;
   int rows_;
@@ -66,6 +71,7 @@ class LevelPlan {
   int block_side_px_;
   int block_pixels_ = 0;
   std::vector<LevelPixel> pixels_;
+  bool corners_are_lit_;
   bool plain_;
   bool gain_known_;
   float fixed_threshold_;  ///< counts

@@ -386,6 +386,11 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
     notes.push_back(say(n_dropped, " spots at the rim were left out: less than half of the window ",
                         "is on the detector, or nothing in it exceeds the threshold"));
   }
+  std::vector<float> spreads_px2;
+  for (std::size_t k = 0; k < measured.size(); ++k)
+    if (sensor.valid[k] != 0) spreads_px2.push_back(static_cast<float>(measured[k].spread_px2));
+  if (!spreads_px2.empty())
+    sensor.spot_sigma_px = std::sqrt(0.5 * quantile(std::move(spreads_px2), 0.5));
   sensor.spot_sharpness = measure_sharpness(sensor, light);
   sensor.spot_gaussian_px = fit_spot_gaussian_px(light, sensor);
   const WindowGains gains =
