@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstddef>
 
 namespace curlew {
 
@@ -35,7 +36,6 @@ inline float model_coordinate(float col, int cols) noexcept {
 class LowOrdersFit {
  public:
   void add(float u, float v, float x, float y) noexcept;
-  int size() const noexcept { return n_; }
   LowOrders solve() const noexcept;
 
  private:

@@ -72,11 +72,11 @@ Moments measure_core(const Image<float>& light, int col, int row, bool along_x) 
 
 SamplingCurve::SamplingCurve(const Sensor& sensor) {
   if (!(sensor.spot_gaussian_px < kNeedsCurvePx)) return;
-  sigma_px_ = std::max(sensor.spot_gaussian_px, kNarrowestPx);
+  const double sigma = std::max(sensor.spot_gaussian_px, kNarrowestPx);
   correction_px_.resize(kSteps + 1);
   for (int i = 0; i <= kSteps; ++i) {
     const double centre = static_cast<double>(i) / kSteps - 0.5;
-    correction_px_[as_size(i)] = static_cast<float>(place_of(centre, sigma_px_) - centre);
+    correction_px_[as_size(i)] = static_cast<float>(place_of(centre, sigma) - centre);
   }
 }
 

@@ -22,13 +22,11 @@ class SamplingCurve {
   explicit SamplingCurve(const Sensor& sensor);
 
   bool empty() const noexcept { return correction_px_.empty(); }
-  double sigma_px() const noexcept { return sigma_px_; }  ///< of the Gaussian; 0 without a curve
 
   /// Returns where the spot lies whose centre of gravity is at this column or row of the frame.
   float true_px(float centre_px) const noexcept;
 
  private:
-  double sigma_px_ = 0.0;
   std::vector<float> correction_px_;  ///< from −½ to ½ px from a pixel's middle, in equal steps
 };
 

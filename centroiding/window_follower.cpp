@@ -72,6 +72,7 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
                                const LevelPlan& level_plan, const CentroidOptions& options)
     : acquisition_(sensor, plan),
       pitch_px_(static_cast<float>(sensor.grid.pitch_px())),
+      middle_blocks_(level_plan.pixels()),
       max_bad_fraction_(static_cast<float>(options.max_bad_fraction)),
       lenslet_(plan.spots.rows(), plan.spots.cols()),
       ref_x_px_(sensor.ref_x_px),
@@ -88,15 +89,17 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
       model_y_px_(plan.spots.rows(), plan.spots.cols()),
       spot_(plan.spots.rows(), plan.spots.cols()),
       off_centre_(plan.spots.rows(), plan.spots.cols()) {
-  half_pitch_.x[0] = static_cast<float>(0.5 * (sensor.grid.p11 + sensor.grid.p12));
-  half_pitch_.y[0] = static_cast<float>(0.5 * (sensor.grid.p21 + sensor.grid.p22));
+  LowOrders to_middles;  // from where four lenslets meet
+  to_middles.x[0] = static_cast<float>(0.5 * (sensor.grid.p11 + sensor.grid.p12));
+  to_middles.y[0] = static_cast<float>(0.5 * (sensor.grid.p21 + sensor.grid.p22));
+  level_plan.place(plan, to_middles, middle_blocks_);
   std::vector<std::size_t> all;
   for (std::size_t k = 0; k < lenslet_.size(); ++k) {
     lenslet_[k] = plan.spots[k].state != LensletState::kUnlit ? 1 : 0;
     if (lenslet_[k] != 0) all.push_back(k);
   }
   lit_ = lenslet_;
-  // A stride that shares no factor with the columns spreads the sample over all of them.
+  // The sample begins a lenslet further on in each row, so that it is spread over all columns.
   const std::size_t stride = all.size() / kMaxSample + 1;
   for (std::size_t i = 0; i < all.size(); ++i)
     if ((i + i / as_size(plan.spots.cols())) % stride == 0) sample_.push_back(all[i]);
@@ -191,14 +194,12 @@ void WindowFollower::return_windows(const CentroidPlan& plan) noexcept {
 
 /// Measures the level where no spot is, wherever the spots are: at the corners between the windows
 /// and in their middles, of which the lower counts.
-void WindowFollower::measure_lower_level(const CentroidPlan& plan, const LevelPlan& level_plan,
-                                         FrameView frame, FrameLevels& levels) noexcept {
-  level_plan.place(plan, {}, blocks_);
-  measure_levels(level_plan, blocks_, frame, levels);
+void WindowFollower::measure_lower_level(const LevelPlan& level_plan, FrameView frame,
+                                         FrameLevels& levels) noexcept {
+  measure_levels(level_plan, level_plan.pixels(), frame, levels);
   level_ = levels.level;
   const float threshold = levels.threshold, pixel_variance = levels.pixel_variance;
-  level_plan.place(plan, half_pitch_, blocks_);
-  measure_levels(level_plan, blocks_, frame, levels);
+  measure_levels(level_plan, middle_blocks_, frame, levels);
   for (std::size_t k = 0; k < level_.size(); ++k)
     levels.level[k] = std::min(levels.level[k], level_[k]);
   levels.threshold = std::min(levels.threshold, threshold);
@@ -217,7 +218,7 @@ AcquisitionResult WindowFollower::acquire(const CentroidPlan& plan, const LevelP
     ++n;
   }
   for (float& mean : history.mean_px) mean /= static_cast<float>(std::max(n, 1));
-  measure_lower_level(plan, level_plan, frame, levels);
+  measure_lower_level(level_plan, frame, levels);
   return acquisition_.find(plan, frame, {&levels, &sharp}, history, model);
 }
 
@@ -231,7 +232,6 @@ void WindowFollower::fit(const Centroids& centroids, Fit& found) noexcept {
   for (int pass = 0; pass < 2; ++pass) {
     LowOrdersFit fit;
     values_.clear();
-    found.largest_px = 0.0F;
     for (const std::size_t k : sample_) {
       if (centroids.state[k] != LensletState::kValid) continue;
       const int r = static_cast<int>(k / as_size(cols)), c = static_cast<int>(k % as_size(cols));
@@ -267,6 +267,7 @@ void WindowFollower::find_spots(const Centroids& centroids, Fit& found) noexcept
       ratios.push_back(centroids.flux_adu[k] / flux_adu_[k]);
   const float typical = ratios.empty() ? 0.0F : median_of(std::span(ratios));
   found.spots = found.light = 0;
+  found.largest_px = 0.0F;
   int same = 0;
   int were_lit = 0;
   for (int r = 0; r < rows; ++r) {

@@ -70,7 +70,7 @@ class WindowFollower {
   bool centre_windows(const CentroidPlan& plan, const Centroids& centroids) noexcept;
   void return_windows(const CentroidPlan& plan) noexcept;
   bool has_bad_window(const CentroidPlan::Spot& spot) const noexcept;
-  void measure_lower_level(const CentroidPlan& plan, const LevelPlan& level_plan, FrameView frame,
+  void measure_lower_level(const LevelPlan& level_plan, FrameView frame,
                            FrameLevels& levels) noexcept;
   AcquisitionResult acquire(const CentroidPlan& plan, const LevelPlan& level_plan, FrameView frame,
                             FrameLevels& levels, const SharpPixels& sharp,
@@ -86,7 +86,7 @@ class WindowFollower {
 
   SpotAcquisition acquisition_;
   float pitch_px_;
-  LowOrders half_pitch_;  ///< from a spot to where four lenslets meet
+  std::vector<LevelPixel> middle_blocks_;  ///< for the level in the middles of the windows
   float max_bad_fraction_;
   Image<std::uint8_t> lenslet_;  ///< [rows, cols] 1 where the plan has one
   Image<float> ref_x_px_;

@@ -24,8 +24,8 @@ inline constexpr std::size_t kLensletStates = 7;  ///< the number of values of L
 
 /// All maps are [rows, cols] of lenslets. A kValid spot has all values. A kFaint or kAtEdge spot
 /// has them too, for those stages that can use weak spots; they are 0 if no light exceeds the
-/// threshold. In every other state the values are 0 and mean nothing, but flux_adu keeps what was
-/// measured.
+/// threshold. A kLost lenslet keeps what was in its window, which means nothing. In every other
+/// state the values are 0 and mean nothing, but flux_adu keeps what was measured.
 struct Centroids {
   Centroids(int rows, int cols)
       : x_px(rows, cols),

@@ -48,9 +48,10 @@ struct Calibration {
 /// detector's rim clips it, and a window of which less than half is left is dropped. Neighbours
 /// share at most one column or row of pixels.
 ///
-/// Window gains are measured on the reference's signal max(I − background − T, 0). They are
-/// corrected for what coarse pixels do to that measurement, on a spot modelled from the optics
-/// (window_gain.h); where the optics are not known the model is a Gaussian. Gains are held within
+/// Window gains are those of the reference's signal max(I − background − T, 0) when the picture is
+/// moved under its window. Where spots are too small for that, or light is cut, they are measured
+/// at the window's edge and corrected on a spot modelled from the optics (window_gain.h); where the
+/// optics are not known the model is a Gaussian. Gains are held within
 /// [0.3, 1.2], or up to 2 for methods other than the centres of gravity. A lenslet with less than
 /// 0.7 of the median measured gain is left out, because its spot is a smear or is cut by the rim.
 ///
