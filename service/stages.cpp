@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "centroiding/field_turn.h"
+
 namespace curlew {
 namespace {
 
@@ -25,6 +27,7 @@ void slopes(const Plan& plan, FrameSlot& slot) noexcept {
   measure_weak_slopes(plan.slopes, slot.centroids, slot.weak_slopes);
   leave_out_weak(slot.centroids, slot.weak_slopes, slot.slopes);
   subtract_low_orders(plan.slopes, slot.centroids, slot.weak_slopes);
+  subtract_turn(slot.centroids, slot.weak_slopes);
 }
 
 void detect(const Plan& plan, FrameSlot& slot) noexcept {
