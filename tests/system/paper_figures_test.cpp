@@ -33,6 +33,9 @@ std::map<std::string, double> rows_of(const std::string& text) {
 }
 
 TEST(PaperFigures, QuickFormPrintsTheValues) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "minutes of propagation, which tests of the simulator try under sanitizers";
+#endif
   const ScratchDirectory scratch;
   const std::string command = std::string("/usr/bin/python3 '") + CURLEW_SOURCE_DIR +
                               "/docs/paper_figures.py' '" + CURLEW_PROGRAM + "' '" +
