@@ -104,11 +104,12 @@ class BlockSolver::Builder {
         values[p * padded(q) + i * padded(p) + j] =
             static_cast<float>(inverse(pivot, static_cast<Eigen::Index>(i)));
     }
+    block.parent = front.parent;
+    block.operations = static_cast<float>(values.size());
     block.up = place_of(front, values);
     block.down = block.up + p * padded(q);
     solver_.all_.push_back(static_cast<std::int32_t>(solver_.blocks_.size()));
     solver_.blocks_.push_back(block);
-    solver_.operations_ += static_cast<double>(values.size());
   }
 
   /// Returns where the values are kept.
@@ -131,6 +132,7 @@ class BlockSolver::Builder {
 };
 
 BlockSolver::BlockSolver(const Lattice& lattice, const Dissection& dissection) {
+  front_of_ = dissection.front_of();
   Builder(lattice, dissection, *this).run();
 }
 

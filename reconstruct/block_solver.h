@@ -9,10 +9,10 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <map>
 #include <span>
 #include <vector>
 
+#include "core/as_size.h"
 #include "core/image.h"
 #include "core/lattice.h"
 #include "reconstruct/dissection.h"
@@ -44,10 +44,8 @@ class BlockSolver {
   void solve_down(std::span<const std::int32_t> fronts, Workspace& workspace,
                   float* b) const noexcept;
 
-  /// Returns the multiplications of a solution, and the bytes of the blocks that are kept.
-  double operations() const { return operations_; }
-  std::size_t bytes() const { return values_.size() * sizeof(float); }
   std::span<const std::int32_t> all_fronts() const { return all_; }
+  std::size_t bytes() const { return values_.size() * sizeof(float); }  ///< of the blocks kept
 
   /// This is one front's matrices, in columns whose length is a multiple of 16 floats.
   struct Block {
@@ -56,8 +54,13 @@ class BlockSolver {
     std::int32_t border;        ///< number of nodes in it
     std::int32_t border_start;  ///< where its positions begin
     std::size_t up;             ///< G: a column a pivot, a row a node of the border
-    std::size_t down;  ///< (S_pp⁻¹ Gᵀ): a column a pivot or border node, a row a pivot
+    std::size_t down;     ///< (S_pp⁻¹ Gᵀ): a column a pivot or border node, a row a pivot
+    std::int32_t parent;  ///< front of the first node of its border; −1: no border
+    float operations;     ///< multiplications of a solution, up and down
   };
+  const Block& block(std::int32_t front) const { return blocks_[as_size(front)]; }
+  /// Returns the front of every node.
+  const std::vector<std::int32_t>& front_of() const { return front_of_; }
 
  private:
   class Builder;
@@ -66,7 +69,7 @@ class BlockSolver {
   std::vector<std::int32_t> all_;
   AlignedVector<std::int32_t> border_;
   AlignedVector<float> values_;
-  double operations_ = 0.0;
+  std::vector<std::int32_t> front_of_;
 };
 
 }  // namespace curlew

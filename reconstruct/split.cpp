@@ -10,7 +10,8 @@
 namespace curlew {
 
 SplitWorkspace::SplitWorkspace(const SplitPlan& plan)
-    : lattice_(plan.lattice().rows(), plan.lattice().cols()),
+    : faded_(plan.faces()),
+      lattice_(plan.lattice().rows(), plan.lattice().cols()),
       weight_(plan.grid().size()),
       edge_a_(plan.grid().size()),
       edge_b_(plan.grid().size()),
@@ -22,6 +23,7 @@ SplitWorkspace::SplitWorkspace(const SplitPlan& plan)
       group_sum_(plan.lenslets().size()),
       group_count_(plan.lenslets().size()),
       solver_(plan.solver()),
+      correction_(plan.solver(), 2 * plan.lenslets().size()),
       network_(plan.network()) {}
 
 /// A Splitter holds the steps of split_slopes() and what they share.
@@ -35,10 +37,8 @@ class Splitter {
     prepare();
     split_.iterations = 0;
     split_.converged = true;
-    if (equal_ && !any_faded_)
-      solve_whole_pupil();
-    else
-      solve_by_network();
+    ws_.faded_.find(plan_.faces(), slopes_, plan_.lenslets().size() - as_size(sums_.n));
+    if (!(equal_ && solve_by_blocks())) solve_by_network();
     store();
   }
 
@@ -51,7 +51,6 @@ class Splitter {
       equal_ = true;
       sums_ = weigh_lenslets(grid_, plan_.lit().data(), slopes_, false, ws_.weight_.data());
     }
-    any_faded_ = as_size(sums_.n) < plan_.lenslets().size();
     const float scale = equal_ || sums_.n == 0 ? 1.0F : static_cast<float>(sums_.n) / sums_.weight;
     largest_edge_ = load_edges(grid_, slopes_, sums_, scale, ws_.weight_.data(), ws_.edge_a_.data(),
                                ws_.edge_b_.data());
@@ -66,12 +65,25 @@ class Splitter {
     for (std::size_t i = 0; i < place.size(); ++i) corners[place[i]] = ws_.nodes_[i];
   }
 
-  /// Solves with the blocks that were made of the pupil.
-  void solve_whole_pupil() noexcept {
+  /// Solves with the blocks that were made of the pupil, and corrects for the edges that have
+  /// faded. Returns false where a factor of the frame's weights is likely to be faster, or was
+  /// needed.
+  bool solve_by_blocks() noexcept {
+    ws_.correction_.clear();
+    const std::vector<std::int32_t>& node = plan_.node_of_corner();
+    for (const FadedLenslets::Edge& edge : ws_.faded_.edges())
+      ws_.correction_.add(node[as_size(edge.from)], node[as_size(edge.to)]);
+    if (!ws_.faded_.lenslets().empty() &&
+        ws_.correction_.predict_operations(plan_.solver()) > plan_.network_operations())
+      return false;
     find_divergence(grid_, ws_.edge_a_.data(), ws_.edge_b_.data(), ws_.residual_.data());
     gather(ws_.residual_);
-    plan_.solver().solve(ws_.solver_, ws_.nodes_.data());
+    const float goal = static_cast<float>(plan_.options().tolerance) * largest_edge_;
+    const int steps = ws_.correction_.solve(plan_.solver(), ws_.solver_, goal, ws_.nodes_.data());
+    if (steps < 0) return false;
+    split_.iterations = steps;
     scatter(ws_.phi_);
+    return true;
   }
 
   /// Solves with a factor of this frame's weights. It is in float, so that the solution is refined:
@@ -110,14 +122,16 @@ class Splitter {
   void store() noexcept {
     const float sum = store_slopes(grid_, slopes_, sums_, ws_.weight_.data(), ws_.phi_.data(),
                                    ws_.edge_a_.data(), ws_.edge_b_.data(), split_);
-    if (any_faded_) ws_.lattice_.build(slopes_.valid);
-    const Lattice& lattice = any_faded_ ? ws_.lattice_ : plan_.lattice();
+    const bool any_cut_off = ws_.faded_.any_part_cut_off();
+    if (any_cut_off) ws_.lattice_.build_parts(slopes_.valid);
+    const Lattice& lattice = any_cut_off ? ws_.lattice_ : plan_.lattice();
     if (lattice.n_phase_groups() == 1)
-      subtract_mean(grid_, ws_.weight_.data(), sum / static_cast<float>(sums_.n), split_);
+      subtract_mean(grid_, ws_.weight_.data(), sum / static_cast<float>(std::max(sums_.n, 1)),
+                    split_);
     else
       subtract_group_means(lattice);
     store_potential();
-    store_holes(lattice);
+    ws_.faded_.store_holes(plan_.faces(), slopes_, split_.holes);
   }
 
   /// Gives the phase mean zero over each part of the pupil.
@@ -132,7 +146,7 @@ class Splitter {
       ++ws_.group_count_[group];
     }
     for (std::size_t g = 0; g < n_groups; ++g)
-      ws_.group_sum_[g] /= static_cast<float>(ws_.group_count_[g]);
+      ws_.group_sum_[g] /= static_cast<float>(std::max(ws_.group_count_[g], 1));
     for (const std::int32_t k : plan_.lenslets())
       if (slopes_.valid[as_size(k)] != 0)
         split_.phase[as_size(k)] -= ws_.group_sum_[as_size(lattice.phase_group_of(k))];
@@ -152,32 +166,6 @@ class Splitter {
     }
   }
 
-  void store_holes(const Lattice& lattice) noexcept {
-    split_.holes.clear();
-    for (const LatticeHole& hole : lattice.holes())
-      split_.holes.push({hole.x, hole.y, 0.0F, hole.loops_even == 0 || hole.loops_odd == 0});
-    if (lattice.holes().empty()) return;
-    for (const std::int32_t k : any_faded_ ? plan_.lenslets() : plan_.hole_borders())
-      add_to_holes(lattice, k);
-  }
-
-  /// Adds a lenslet's edges to the loops of the holes beside it. Edge A (00 → 11) runs round corner
-  /// 10 in the positive sense and round corner 01 in the negative. Edge B (01 → 10) does so round
-  /// corners 00 and 11.
-  void add_to_holes(const Lattice& lattice, std::int32_t k) noexcept {
-    if (slopes_.valid[as_size(k)] == 0) return;
-    const auto corner = lattice.corners_of(k);
-    const float a = slopes_.x[as_size(k)] + slopes_.y[as_size(k)];
-    const float b = slopes_.y[as_size(k)] - slopes_.x[as_size(k)];
-    const float along[4] = {b, -a, a, -b};
-    for (std::size_t i = 0; i < 4; ++i) {
-      const int hole = lattice.hole_of_face(lattice.face_of(corner[i]));
-      if (hole < 0) continue;
-      HoleCirculation& h = split_.holes[as_size(hole)];
-      h.circulation += (h.one_sublattice ? 1.0F : 0.5F) * along[i];
-    }
-  }
-
   const SplitPlan& plan_;
   const SplitGrid& grid_;
   const SlopeField& slopes_;
@@ -185,7 +173,6 @@ class Splitter {
   HodgeSplit& split_;
   FitSums sums_;
   bool equal_ = true;
-  bool any_faded_ = false;
   float largest_edge_ = 0.0F;
 };
 

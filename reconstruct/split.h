@@ -14,6 +14,8 @@
 #include "core/slope_field.h"
 #include "reconstruct/block_solver.h"
 #include "reconstruct/dissection.h"
+#include "reconstruct/fade_correction.h"
+#include "reconstruct/faded_lenslets.h"
 #include "reconstruct/network_factor.h"
 #include "reconstruct/split_grid.h"
 
@@ -42,17 +44,20 @@ class SplitPlan {
     std::size_t from;
   };
 
-  const Lattice& lattice() const { return lattice_; }
+  const Lattice& lattice() const { return faces_.lattice(); }
+  const PupilFaces& faces() const { return faces_; }
   const SplitOptions& options() const { return options_; }
   const SplitGrid& grid() const { return grid_; }
   /// Returns the lit lenslets, k = row·cols + col.
-  const std::vector<std::int32_t>& lenslets() const { return lenslets_; }
-  /// Returns the lenslets that border a hole of the pupil.
-  const std::vector<std::int32_t>& hole_borders() const { return hole_borders_; }
+  const std::vector<std::int32_t>& lenslets() const { return faces_.lenslets(); }
   const BlockSolver& solver() const { return solver_; }
   const NetworkFactor& network() const { return network_; }
+  /// Returns how many multiplications of the solver() take the time of a solution by network().
+  double network_operations() const;
   /// Returns the places in working arrays of the nodes, in the order of elimination.
   const std::vector<std::size_t>& node_places() const { return node_places_; }
+  /// Returns the position of each corner in that order; it means nothing where no node is.
+  const std::vector<std::int32_t>& node_of_corner() const { return node_of_corner_; }
   const AlignedVector<float>& lit() const { return lit_; }  ///< 1 where a lenslet is lit
   /// These say from which side a corner's ψ follows (find_potential_row()).
   const AlignedVector<float>& from_left() const { return from_left_; }
@@ -63,20 +68,18 @@ class SplitPlan {
   SplitPlan(const SplitOptions& options, const Lattice& lattice);
   SplitPlan(const SplitOptions& options, const Lattice& lattice, const Dissection& dissection);
   void plan_potential();
-  void plan_hole_borders();
 
   SplitOptions options_;
-  Lattice lattice_;
+  PupilFaces faces_;
   SplitGrid grid_;
   BlockSolver solver_;
   NetworkFactor network_;
-  std::vector<std::int32_t> lenslets_;
   std::vector<std::size_t> node_places_;
+  std::vector<std::int32_t> node_of_corner_;
   AlignedVector<float> lit_;
   AlignedVector<float> from_left_;
   AlignedVector<float> from_right_;
   std::vector<PotentialCopy> potential_copies_;
-  std::vector<std::int32_t> hole_borders_;
 };
 
 /// This is one frame's scratch memory; it belongs to one slot.
@@ -86,7 +89,8 @@ class SplitWorkspace {
 
  private:
   friend class Splitter;
-  Lattice lattice_;  // lattice of a frame in which lenslets have faded
+  FadedLenslets faded_;
+  Lattice lattice_;  // lattice of a frame in which a part of the pupil has been cut off
   // These are working arrays (SplitGrid), by lenslets and by corners.
   AlignedVector<float> weight_;
   AlignedVector<float> edge_a_;
@@ -99,6 +103,7 @@ class SplitWorkspace {
   AlignedVector<float> group_sum_;  // [phase groups ≤ lenslets]
   AlignedVector<std::int32_t> group_count_;
   BlockSolver::Workspace solver_;
+  FadeCorrection correction_;
   NetworkFactor::Workspace network_;
 };
 

@@ -26,35 +26,39 @@ SplitPlan::SplitPlan(const SplitOptions& options, const Lattice& lattice)
 SplitPlan::SplitPlan(const SplitOptions& options, const Lattice& lattice,
                      const Dissection& dissection)
     : options_(options),
-      lattice_(lattice),
+      faces_(lattice),
       grid_(lattice.rows(), lattice.cols()),
       solver_(lattice, dissection),
       network_(dissection, grid_),
       lit_(grid_.size()),
       from_left_(grid_.size()),
       from_right_(grid_.size()) {
-  for (int k = 0; k < lattice_.rows() * lattice_.cols(); ++k) {
-    if (lattice_.phase_group_of(k) < 0) continue;
-    lenslets_.push_back(k);
-    lit_[grid_.lenslet(k)] = 1.0F;
-  }
+  for (const std::int32_t k : lenslets()) lit_[grid_.lenslet(k)] = 1.0F;
+  node_of_corner_.resize(as_size(lattice.n_corners()));
   for (int i = 0; i < dissection.n_nodes(); ++i) {
     const int corner = dissection.corner_at(i);
+    node_of_corner_[as_size(corner)] = i;
     node_places_.push_back(
-        grid_.at(corner / lattice_.corner_cols(), corner % lattice_.corner_cols()));
+        grid_.at(corner / lattice.corner_cols(), corner % lattice.corner_cols()));
   }
   plan_potential();
-  plan_hole_borders();
+}
+
+double SplitPlan::network_operations() const {
+  // Fitted to 40×40 and 80×80 lenslets. A node costs this much to gather, refine and store.
+  constexpr double kFactor = 3.0;
+  constexpr double kNode = 400.0;
+  return kFactor * network_.operations() + kNode * static_cast<double>(node_places_.size());
 }
 
 /// ψ is 0 on the outer faces. From there it follows downwards, across the lenslet at the upper left
 /// of a corner, or across the one at the upper right. A corner of a hole's face that has neither
 /// gets the ψ of that face's first corner, which has both.
 void SplitPlan::plan_potential() {
-  std::vector<std::size_t> first_of_face(as_size(lattice_.n_faces()), 0);
-  for (int row = 0; row <= lattice_.rows(); ++row) {
-    for (int col = 0; col <= lattice_.cols(); ++col) {
-      const int face = lattice_.face_of(row * lattice_.corner_cols() + col);
+  std::vector<std::size_t> first_of_face(as_size(lattice().n_faces()), 0);
+  for (int row = 0; row <= grid_.rows; ++row) {
+    for (int col = 0; col <= grid_.cols; ++col) {
+      const int face = lattice().face_of(row * lattice().corner_cols() + col);
       if (face < 2) continue;
       const std::size_t at = grid_.at(row, col);
       std::size_t& first = first_of_face[as_size(face)];
@@ -67,15 +71,6 @@ void SplitPlan::plan_potential() {
       }
       if (first == 0) first = at;
     }
-  }
-}
-
-void SplitPlan::plan_hole_borders() {
-  for (const std::int32_t k : lenslets_) {
-    const auto corner = lattice_.corners_of(k);
-    if (std::any_of(corner.begin(), corner.end(),
-                    [&](int c) { return lattice_.hole_of_face(lattice_.face_of(c)) >= 0; }))
-      hole_borders_.push_back(k);
   }
 }
 
