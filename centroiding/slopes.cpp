@@ -1,4 +1,11 @@
+// Highway compiles the kernel of this file once for every instruction set and chooses one at run
+// time.
 #include "centroiding/slopes.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "centroiding/slopes.cpp"
+#include "hwy/foreach_target.h"
+// Highway needs foreach_target.h before the header below.
 
 #include <algorithm>
 #include <cmath>
@@ -11,7 +18,214 @@
 
 #include "core/error.h"
 #include "core/size_check.h"
+#include "hwy/highway.h"
 
+HWY_BEFORE_NAMESPACE();
+namespace curlew::HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+/// Optics leave spots that telescopes blur off a smooth field by .06 to .08 of their σ.
+constexpr float kSystematicOfBroadening = 0.08F;
+
+/// Computes slopes a vector at a time, without branches. Every product and sum is rounded by
+/// itself, so that all instruction sets give the same.
+template <class D>
+class SlopeKernel {
+ public:
+  using V = hn::Vec<D>;
+  using M = hn::Mask<D>;
+
+  /// `weak` gets the slopes of all spots, and `strict` those of valid spots. Either may be null.
+  SlopeKernel(const SlopePlan& plan, const Centroids& centroids, SlopeField* weak,
+              SlopeField* strict, bool subtract_low)
+      : plan_(plan),
+        centroids_(centroids),
+        weak_(weak),
+        strict_(strict),
+        subtract_low_(subtract_low),
+        sampled_(plan.sampling.empty()) {}
+
+  /// The last vector begins early enough to end with the last lenslet, of which there must be as
+  /// many as it has lanes. Two vectors at a time share what is read of the plan.
+  void run() {
+    const std::size_t n = plan_.ref_x_px.size();
+    const std::size_t lanes = hn::Lanes(D());
+    for (std::size_t k = 0; k < n; k += 2 * lanes) {
+      const std::size_t first = std::min(k, n - lanes);
+      const std::size_t second = std::min(k + lanes, n - lanes);
+      const Slopes a = measure(first);
+      const Slopes b = measure(second);
+      store(a, first);
+      store(b, second);
+    }
+  }
+
+ private:
+  struct Slopes {
+    V x, y, variance_x, variance_y, covariance_xy;
+    V low_x, low_y;  ///< what the low orders add to x and y
+    M valid;
+    M any;  ///< valid or weak
+  };
+
+  static HWY_INLINE V set(float value) { return hn::Set(D(), value); }
+  static HWY_INLINE V load(const Image<float>& map, std::size_t k) {
+    return hn::LoadU(D(), map.data() + k);
+  }
+  static HWY_INLINE V only_if(M condition, V value) { return hn::IfThenElseZero(condition, value); }
+
+  HWY_INLINE V true_px(const Image<float>& map, std::size_t k) const {
+    if (sampled_) return load(map, k);
+    HWY_ALIGN float values[hn::MaxLanes(D())];
+    for (std::size_t i = 0; i < hn::Lanes(D()); ++i) values[i] = plan_.sampling.true_px(map[k + i]);
+    return hn::Load(D(), values);
+  }
+
+  /// Returns the variance along an axis of a spot, px², with that of where optics leave it.
+  HWY_INLINE V noise(V measured, V moment, M weak) const {
+    const M narrow = hn::Not(hn::Gt(measured, hn::Zero(D())));
+    const V spot = hn::IfThenElse(hn::And(weak, narrow), set(plan_.spot_variance_px2), measured);
+    const V broader = hn::Max(hn::Sub(moment, set(plan_.reference_variance_px2)), hn::Zero(D()));
+    const V of_broadening =
+        hn::Mul(set(kSystematicOfBroadening * kSystematicOfBroadening), broader);
+    return hn::Add(spot, hn::Add(set(plan_.systematic_variance_px2), of_broadening));
+  }
+
+  /// Returns a·x + b·y and a·x + b·y + c·z.
+  static HWY_INLINE V sum(float a, V x, float b, V y) {
+    return hn::Add(hn::Mul(set(a), x), hn::Mul(set(b), y));
+  }
+  static HWY_INLINE V sum(float a, V x, float b, V y, float c, V z) {
+    return hn::Add(sum(a, x, b, y), hn::Mul(set(c), z));
+  }
+
+  HWY_INLINE Slopes measure(std::size_t k) const {
+    const D d;
+    const V zero = hn::Zero(d);
+    const hn::Rebind<std::uint8_t, D> bytes;
+    const hn::Rebind<std::int32_t, D> words;
+    const auto* states = reinterpret_cast<const std::uint8_t*>(centroids_.state.data());
+    const V state = hn::ConvertTo(d, hn::PromoteTo(words, hn::LoadU(bytes, states + k)));
+    const auto is = [&](LensletState which)
+                        HWY_ATTR { return hn::Eq(state, set(static_cast<float>(which))); };
+    const M valid = is(LensletState::kValid);
+    const M soft = hn::Or(is(LensletState::kFaint), is(LensletState::kAtEdge));
+    const M lit = hn::Gt(load(centroids_.flux_adu, k), zero);
+    const M weak = hn::And(soft, lit);
+    const M dark = hn::AndNot(lit, soft);
+    const M measured = hn::Or(valid, weak);
+
+    // The gain is that of the window, so it applies to the displacement within the window. A dark
+    // lenslet's spot is most likely where those of the others are.
+    const V gx = only_if(measured, load(plan_.inverse_gain_x, k));
+    const V gy = only_if(measured, load(plan_.inverse_gain_y, k));
+    const V moved_x = only_if(measured, load(centroids_.moved_x_px, k));
+    const V moved_y = only_if(measured, load(centroids_.moved_y_px, k));
+    const V from_ref_x = hn::Sub(true_px(centroids_.x_px, k), load(plan_.ref_x_px, k));
+    const V from_ref_y = hn::Sub(true_px(centroids_.y_px, k), load(plan_.ref_y_px, k));
+    const V in_window_x = hn::Mul(hn::Sub(from_ref_x, moved_x), gx);
+    const V in_window_y = hn::Mul(hn::Sub(from_ref_y, moved_y), gy);
+    const V low_x = load(centroids_.low_x_px, k);
+    const V low_y = load(centroids_.low_y_px, k);
+    const V dx = hn::Add(in_window_x, hn::IfThenElse(dark, low_x, moved_x));
+    const V dy = hn::Add(in_window_y, hn::IfThenElse(dark, low_y, moved_y));
+    const V ex = hn::Mul(load(plan_.gain_error_x, k), in_window_x);
+    const V ey = hn::Mul(load(plan_.gain_error_y, k), in_window_y);
+    const V noise_x = noise(load(centroids_.variance_x_px2, k), load(centroids_.xx_px2, k), weak);
+    const V noise_y = noise(load(centroids_.variance_y_px2, k), load(centroids_.yy_px2, k), weak);
+    const V vx = hn::Add(hn::Mul(hn::Mul(noise_x, gx), gx), hn::Mul(ex, ex));
+    const V vy = hn::Add(hn::Mul(hn::Mul(noise_y, gy), gy), hn::Mul(ey, ey));
+    const V c = hn::Mul(hn::Mul(load(centroids_.covariance_xy_px2, k), gx), gy);
+
+    const float m11 = plan_.m11, m12 = plan_.m12, m21 = plan_.m21, m22 = plan_.m22;
+    const V x = sum(m11, dx, m12, dy);
+    const V y = sum(m21, dx, m22, dy);
+    const V variance_x = sum(m11 * m11, vx, 2.0F * m11 * m12, c, m12 * m12, vy);
+    const V variance_y = sum(m21 * m21, vx, 2.0F * m21 * m22, c, m22 * m22, vy);
+    const V covariance = sum(m11 * m21, vx, m11 * m22 + m12 * m21, c, m12 * m22, vy);
+    // A weak spot cannot be less well known than a dark one, which may be anywhere in its window.
+    const V maximum = load(plan_.window_variance, k);
+    const M lost = hn::And(weak, hn::Gt(hn::Max(variance_x, variance_y), maximum));
+    const V of_dark = only_if(dark, maximum);
+    const auto limited = [&](V variance) HWY_ATTR {
+      const V least = hn::Min(variance, maximum);
+      return hn::Add(of_dark, hn::IfThenElse(lost, least, variance));
+    };
+    const M any = hn::Or(valid, soft);
+    return {x,
+            y,
+            limited(variance_x),
+            limited(variance_y),
+            hn::IfThenElse(lost, zero, covariance),
+            sum(m11, only_if(any, low_x), m12, only_if(any, low_y)),
+            sum(m21, only_if(any, low_x), m22, only_if(any, low_y)),
+            valid,
+            any};
+  }
+
+  HWY_INLINE void store(const Slopes& slopes, std::size_t k) const {
+    if (strict_ != nullptr) store(slopes, slopes.x, slopes.y, slopes.valid, k, *strict_);
+    if (weak_ == nullptr) return;
+    const V x = subtract_low_ ? hn::Sub(slopes.x, slopes.low_x) : slopes.x;
+    const V y = subtract_low_ ? hn::Sub(slopes.y, slopes.low_y) : slopes.y;
+    store(slopes, x, y, slopes.any, k, *weak_);
+  }
+  static HWY_INLINE void store(const Slopes& slopes, V x, V y, M wanted, std::size_t k,
+                               SlopeField& to) {
+    const D d;
+    hn::StoreU(only_if(wanted, x), d, to.x.data() + k);
+    hn::StoreU(only_if(wanted, y), d, to.y.data() + k);
+    hn::StoreU(only_if(wanted, slopes.variance_x), d, to.variance_x.data() + k);
+    hn::StoreU(only_if(wanted, slopes.variance_y), d, to.variance_y.data() + k);
+    hn::StoreU(only_if(wanted, slopes.covariance_xy), d, to.covariance_xy.data() + k);
+  }
+
+  const SlopePlan& plan_;
+  const Centroids& centroids_;
+  SlopeField* weak_;
+  SlopeField* strict_;
+  bool subtract_low_;
+  bool sampled_;
+};
+
+/// Fills slopes.valid and counts. Weak spots count if `with_weak`. There are no branches, so that
+/// the compiler makes vectors of it.
+void mark_valid(const Centroids& centroids, bool with_weak, SlopeField& slopes) {
+  const auto* state = reinterpret_cast<const std::uint8_t*>(centroids.state.data());
+  const auto value = [](LensletState which) { return static_cast<std::uint8_t>(which); };
+  const std::uint8_t valid = value(LensletState::kValid);
+  const std::uint8_t faint = value(with_weak ? LensletState::kFaint : LensletState::kValid);
+  const std::uint8_t at_edge = value(with_weak ? LensletState::kAtEdge : LensletState::kValid);
+  std::uint8_t* to = slopes.valid.data();
+  const std::size_t n = slopes.valid.size();
+  for (std::size_t k = 0; k < n; ++k) {
+    const int counts = static_cast<int>(state[k] == valid) | static_cast<int>(state[k] == faint) |
+                       static_cast<int>(state[k] == at_edge);
+    to[k] = static_cast<std::uint8_t>(counts);
+  }
+  int n_valid = 0;
+  for (std::size_t k = 0; k < n; ++k) n_valid += to[k];
+  slopes.n_valid = n_valid;
+}
+
+void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField* weak,
+             SlopeField* strict, bool subtract_low) {
+  using Wide = hn::CappedTag<float, 16>;
+  if (plan.ref_x_px.size() >= hn::Lanes(Wide()))
+    SlopeKernel<Wide>(plan, centroids, weak, strict, subtract_low).run();
+  else
+    SlopeKernel<hn::CappedTag<float, 1>>(plan, centroids, weak, strict, subtract_low).run();
+  if (weak != nullptr) mark_valid(centroids, true, *weak);
+  if (strict != nullptr) mark_valid(centroids, false, *strict);
+}
+
+}  // namespace
+}  // namespace curlew::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
 namespace curlew {
 namespace {
 
@@ -19,10 +233,9 @@ namespace {
 /// spot whose few photons all fell on one row or column, so that they give a variance of 0.
 constexpr double kSpotSigma = 0.42;
 
-// These are the parts of a spot's σ by which optics leave it off a smooth field. Lamps of real
-// sensors show .025, and spots that telescopes blur show .06 to .08.
+// This is the part of a spot's σ by which optics leave it off a smooth field. Lamps of real sensors
+// show .025.
 constexpr double kSystematicOfSpot = 0.03;
-constexpr float kSystematicOfBroadening = 0.08F;
 
 void require_length(double value, const std::string& name) {
   if (!(value > 0.0) || !std::isfinite(value)) {
@@ -106,87 +319,33 @@ SlopePlan::SlopePlan(const Sensor& sensor)
 
 namespace {
 
-enum class Spot : std::uint8_t { kMissing, kDark, kWeak, kMeasured };
+HWY_EXPORT(measure);
 
-/// Returns the variance along an axis, px², of where optics leave a spot of this second moment.
-float systematic_variance(const SlopePlan& plan, float moment_px2) noexcept {
-  constexpr float kOfBroadening = kSystematicOfBroadening * kSystematicOfBroadening;
-  const float broader = std::max(moment_px2 - plan.reference_variance_px2, 0.0F);
-  return plan.systematic_variance_px2 + kOfBroadening * broader;
-}
-
-/// Computes all slopes; spot_of(k) says what is known of lenslet k.
-template <typename SpotOf>
-void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField& slopes,
-             SpotOf spot_of) noexcept {
+/// Checks the sizes and computes both kinds of slopes, or one where the other is null.
+void measure_both(const SlopePlan& plan, const Centroids& centroids, SlopeField* weak,
+                  SlopeField* strict, bool subtract_low) noexcept {
   check_size("measure_slopes", "centroids", size_of(centroids.state), size_of(plan.ref_x_px));
-  check_size("measure_slopes", "slopes", size_of(slopes), size_of(plan.ref_x_px));
-  // These are locals, because a store through a float pointer might otherwise change the plan's
-  // floats.
-  const float m11 = plan.m11, m12 = plan.m12, m21 = plan.m21, m22 = plan.m22;
-  const bool sampled = plan.sampling.empty();
-  int n_valid = 0;
-  for (std::size_t k = 0; k < plan.ref_x_px.size(); ++k) {
-    const Spot spot = spot_of(k);
-    const bool measured = spot == Spot::kMeasured || spot == Spot::kWeak;
-    const bool weak = spot == Spot::kWeak;
-    const float spot_x = centroids.variance_x_px2[k];
-    const float spot_y = centroids.variance_y_px2[k];
-    const float gx = measured ? plan.inverse_gain_x[k] : 0.0F;
-    const float gy = measured ? plan.inverse_gain_y[k] : 0.0F;
-    // The gain is that of the window, so it applies to the displacement within the window. A dark
-    // lenslet's spot is most likely where those of the others are.
-    const float moved_x = measured ? centroids.moved_x_px[k] : 0.0F;
-    const float moved_y = measured ? centroids.moved_y_px[k] : 0.0F;
-    const float x_px = sampled ? centroids.x_px[k] : plan.sampling.true_px(centroids.x_px[k]);
-    const float y_px = sampled ? centroids.y_px[k] : plan.sampling.true_px(centroids.y_px[k]);
-    const float in_window_x = (x_px - plan.ref_x_px[k] - moved_x) * gx;
-    const float in_window_y = (y_px - plan.ref_y_px[k] - moved_y) * gy;
-    const bool is_dark = spot == Spot::kDark;
-    const float dx = in_window_x + (is_dark ? centroids.low_x_px[k] : moved_x);
-    const float dy = in_window_y + (is_dark ? centroids.low_y_px[k] : moved_y);
-    const float ex = plan.gain_error_x[k] * in_window_x;
-    const float ey = plan.gain_error_y[k] * in_window_y;
-    const float noise_x = weak && !(spot_x > 0.0F) ? plan.spot_variance_px2 : spot_x;
-    const float noise_y = weak && !(spot_y > 0.0F) ? plan.spot_variance_px2 : spot_y;
-    const float vx = (noise_x + systematic_variance(plan, centroids.xx_px2[k])) * gx * gx + ex * ex;
-    const float vy = (noise_y + systematic_variance(plan, centroids.yy_px2[k])) * gy * gy + ey * ey;
-    const float c = centroids.covariance_xy_px2[k] * gx * gy;
-    const float dark = is_dark ? plan.window_variance[k] : 0.0F;
-    slopes.x[k] = m11 * dx + m12 * dy;
-    slopes.y[k] = m21 * dx + m22 * dy;
-    const float variance_x = m11 * m11 * vx + 2.0F * m11 * m12 * c + m12 * m12 * vy;
-    const float variance_y = m21 * m21 * vx + 2.0F * m21 * m22 * c + m22 * m22 * vy;
-    const float covariance = m11 * m21 * vx + (m11 * m22 + m12 * m21) * c + m12 * m22 * vy;
-    // A weak spot cannot be less well known than a dark one, which may be anywhere in its window.
-    const float maximum = plan.window_variance[k];
-    const bool lost = weak && std::max(variance_x, variance_y) > maximum;
-    slopes.variance_x[k] = dark + (lost ? std::min(variance_x, maximum) : variance_x);
-    slopes.variance_y[k] = dark + (lost ? std::min(variance_y, maximum) : variance_y);
-    slopes.covariance_xy[k] = lost ? 0.0F : covariance;
-    slopes.valid[k] = spot == Spot::kMissing ? 0 : 1;
-    n_valid += spot == Spot::kMissing ? 0 : 1;
-  }
-  slopes.n_valid = n_valid;
+  for (const SlopeField* slopes : {weak, strict})
+    if (slopes != nullptr)
+      check_size("measure_slopes", "slopes", size_of(*slopes), size_of(plan.ref_x_px));
+  HWY_DYNAMIC_DISPATCH(measure)(plan, centroids, weak, strict, subtract_low);
 }
 
 }  // namespace
 
 void measure_slopes(const SlopePlan& plan, const Centroids& centroids,
                     SlopeField& slopes) noexcept {
-  measure(plan, centroids, slopes, [&](std::size_t k) {
-    return centroids.state[k] == LensletState::kValid ? Spot::kMeasured : Spot::kMissing;
-  });
+  measure_both(plan, centroids, nullptr, &slopes, false);
 }
 
 void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
                          SlopeField& slopes) noexcept {
-  measure(plan, centroids, slopes, [&](std::size_t k) {
-    const LensletState state = centroids.state[k];
-    if (state == LensletState::kValid) return Spot::kMeasured;
-    if (state != LensletState::kFaint && state != LensletState::kAtEdge) return Spot::kMissing;
-    return centroids.flux_adu[k] > 0.0F ? Spot::kWeak : Spot::kDark;
-  });
+  measure_both(plan, centroids, &slopes, nullptr, false);
+}
+
+void measure_all_slopes(const SlopePlan& plan, const Centroids& centroids, SlopeField& weak,
+                        SlopeField& slopes) noexcept {
+  measure_both(plan, centroids, &weak, &slopes, true);
 }
 
 void leave_out_weak(const Centroids& centroids, const SlopeField& weak,
@@ -207,17 +366,5 @@ void leave_out_weak(const Centroids& centroids, const SlopeField& weak,
   slopes.n_valid = n_valid;
 }
 
-void subtract_low_orders(const SlopePlan& plan, const Centroids& centroids,
-                         SlopeField& slopes) noexcept {
-  check_size("subtract_low_orders", "centroids", size_of(centroids.state), size_of(plan.ref_x_px));
-  check_size("subtract_low_orders", "slopes", size_of(slopes), size_of(plan.ref_x_px));
-  const float m11 = plan.m11, m12 = plan.m12, m21 = plan.m21, m22 = plan.m22;
-  for (std::size_t k = 0; k < slopes.x.size(); ++k) {
-    const float x = slopes.valid[k] != 0 ? centroids.low_x_px[k] : 0.0F;
-    const float y = slopes.valid[k] != 0 ? centroids.low_y_px[k] : 0.0F;
-    slopes.x[k] -= m11 * x + m12 * y;
-    slopes.y[k] -= m21 * x + m22 * y;
-  }
-}
-
 }  // namespace curlew
+#endif  // HWY_ONCE

@@ -63,15 +63,16 @@ void measure_slopes(const SlopePlan& plan, const Centroids& centroids, SlopeFiel
 void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
                          SlopeField& slopes) noexcept;
 
+/// Computes the slopes of both functions above in one pass. From those of weak spots, the low
+/// orders that windows follow are taken out. They are smooth but for a turn of the whole field, so
+/// that what is left has the circulation of the vortices, and a missing slope's 0 stands amid
+/// others about 0.
+void measure_all_slopes(const SlopePlan& plan, const Centroids& centroids, SlopeField& weak,
+                        SlopeField& slopes) noexcept;
+
 /// Copies the slopes of valid lenslets from `weak` to `slopes`; all others are missing there. The
 /// result is bit for bit that of measure_slopes(), but the slopes need not be computed twice.
 void leave_out_weak(const Centroids& centroids, const SlopeField& weak,
                     SlopeField& slopes) noexcept;
-
-/// Takes the low orders that windows follow out of the slopes. They are smooth but for a turn of
-/// the whole field, so that what is left has the circulation of the vortices, and a missing slope's
-/// 0 stands amid others about 0.
-void subtract_low_orders(const SlopePlan& plan, const Centroids& centroids,
-                         SlopeField& slopes) noexcept;
 
 }  // namespace curlew

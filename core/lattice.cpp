@@ -26,12 +26,16 @@ Lattice::Lattice(int lenslet_rows, int lenslet_cols)
       group_next_(index(lenslet_rows * lenslet_cols)) {}
 
 void Lattice::build(const Image<std::uint8_t>& valid) noexcept {
+  build_parts(valid);
+  label_faces(valid);
+  label_holes(valid);
+}
+
+void Lattice::build_parts(const Image<std::uint8_t>& valid) noexcept {
   n_lenslets_ = static_cast<int>(
       std::count_if(valid.begin(), valid.end(), [](std::uint8_t v) { return v != 0; }));
   label_components(valid);
   label_phase_groups(valid);
-  label_faces(valid);
-  label_holes(valid);
 }
 
 int Lattice::find(int element) noexcept {

@@ -36,24 +36,4 @@ void CholeskyFactor::solve_lower_in_place(float* b) const noexcept {
   for (std::int32_t j = 0; j < size(); ++j) eliminate(j, b);
 }
 
-void CholeskyFactor::solve_in_place(float* b) const noexcept {
-  const std::int32_t* row = row_.data();
-  const float* value = values_.data();
-  const int n = size();
-  for (int j = 0; j < n; ++j) {  // This solves L y = b, column by column.
-    const auto column = static_cast<std::size_t>(j);
-    const float y = b[j] * inverse_diagonal_[column];
-    b[j] = y;
-    for (std::int32_t i = column_start_[column]; i < column_start_[column + 1]; ++i)
-      b[row[i]] -= value[i] * y;
-  }
-  for (int j = n - 1; j >= 0; --j) {  // This solves Lᵀ x = y, row by row.
-    const auto column = static_cast<std::size_t>(j);
-    float x = b[j];
-    for (std::int32_t i = column_start_[column]; i < column_start_[column + 1]; ++i)
-      x -= value[i] * b[row[i]];
-    b[j] = x * inverse_diagonal_[column];
-  }
-}
-
 }  // namespace curlew

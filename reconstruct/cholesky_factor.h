@@ -1,5 +1,5 @@
-// A CholeskyFactor is a sparse A = L·Lᵀ. It is made once in double, and solves in float without
-// allocating.
+// A CholeskyFactor is a sparse A = L·Lᵀ. It is made once in double, and solves with L in float
+// without allocating.
 #pragma once
 
 #include <Eigen/SparseCore>
@@ -21,13 +21,11 @@ class CholeskyFactor {
   int size() const { return static_cast<int>(inverse_diagonal_.size()); }
 
   /// Returns where unknown i of A stands in the order of elimination. Vectors given to
-  /// solve_in_place() are in that order, so that no solve has to permute.
+  /// solve_lower_in_place() are in that order, so that nothing has to be permuted.
   const std::vector<int>& position() const { return position_; }
 
-  /// Computes b ← A⁻¹ b, where b is [size()] in elimination order.
-  void solve_in_place(float* b) const noexcept;
-
-  /// Computes b ← L⁻¹ b. The |b|² of the result is bᵀA⁻¹b of the b given.
+  /// Computes b ← L⁻¹ b, where b is [size()] in elimination order. The |b|² of the result is bᵀA⁻¹b
+  /// of the b given.
   void solve_lower_in_place(float* b) const noexcept;
 
   /// Does one step of solve_lower_in_place(): that of column j, which changes b[j] and elements

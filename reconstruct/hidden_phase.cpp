@@ -33,8 +33,7 @@ void believe_probable(const VortexList& candidates, VortexList& vortices) {
 
 Image<std::uint8_t> lenslets_of(const SplitPlan& split) {
   Image<std::uint8_t> valid(split.lattice().rows(), split.lattice().cols());
-  for (const SplitPlan::Lenslet& lenslet : split.lenslets())
-    valid[static_cast<std::size_t>(lenslet.k)] = 1;
+  for (const std::int32_t k : split.lenslets()) valid[static_cast<std::size_t>(k)] = 1;
   return valid;
 }
 

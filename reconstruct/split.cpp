@@ -3,302 +3,177 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/as_size.h"
 #include "core/size_check.h"
+#include "reconstruct/split_rows.h"
 
 namespace curlew {
 
 SplitWorkspace::SplitWorkspace(const SplitPlan& plan)
-    : lattice_(plan.lattice().rows(), plan.lattice().cols()),
-      weight_(plan.lenslets().size()),
-      edge_(2 * plan.lenslets().size()),
-      step_edge_(2 * plan.lenslets().size()),
-      phi_(static_cast<std::size_t>(plan.n_nodes())),
-      gradient_(phi_.size()),
-      solved_(phi_.size()),
-      direction_(phi_.size()),
+    : faded_(plan.faces()),
+      lattice_(plan.lattice().rows(), plan.lattice().cols()),
+      weight_(plan.grid().size()),
+      edge_a_(plan.grid().size()),
+      edge_b_(plan.grid().size()),
+      residual_(plan.grid().size()),
+      phi_(plan.grid().size()),
+      exact_phi_(plan.grid().size()),
+      psi_(plan.grid().size()),
+      nodes_(plan.node_places().size() + 1),
       group_sum_(plan.lenslets().size()),
       group_count_(plan.lenslets().size()),
-      psi_(static_cast<std::size_t>(plan.lattice().n_faces())) {}
+      solver_(plan.solver()),
+      correction_(plan.solver(), 2 * plan.lenslets().size()),
+      network_(plan.network()) {}
 
 /// A Splitter holds the steps of split_slopes() and what they share.
 class Splitter {
  public:
   Splitter(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
            HodgeSplit& split)
-      : plan_(plan), slopes_(slopes), ws_(workspace), split_(split) {}
+      : plan_(plan), grid_(plan.grid()), slopes_(slopes), ws_(workspace), split_(split) {}
 
   void run() noexcept {
-    choose_weights();
-    load_edges();
+    prepare();
     split_.iterations = 0;
     split_.converged = true;
-    if (equal_ && n_faded_ == 0)
-      solve_directly();
-    else
-      solve_iteratively();
-    store_slopes();
-    store_phase();
-    store_potential();
-    store_holes();
+    ws_.faded_.find(plan_.faces(), slopes_, plan_.lenslets().size() - as_size(sums_.n));
+    if (!(equal_ && solve_by_blocks())) solve_by_network();
+    store();
   }
 
  private:
-  using Lenslet = SplitPlan::Lenslet;
-  static std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
-
-  /// Sets the weights. A weight is 0 where the lenslet has faded. Otherwise it is 1, or 2/(σx²+σy²)
-  /// divided by the mean of that.
-  void choose_weights() noexcept {
-    n_faded_ = 0;
+  /// Sets weights and edges.
+  void prepare() noexcept {
     equal_ = !plan_.options().weighted;
-    double sum = 0.0;
-    for (std::size_t m = 0; m < ws_.weight_.size(); ++m) {
-      const auto k = index(plan_.lenslets()[m].k);
-      ws_.weight_[m] = slopes_.valid[k] != 0 ? 1.0F : 0.0F;
-      if (slopes_.valid[k] == 0) {
-        ++n_faded_;
-        continue;
-      }
-      const float variance = 0.5F * (slopes_.variance_x[k] + slopes_.variance_y[k]);
-      if (!(variance > 0.0F) || !std::isfinite(variance)) equal_ = true;  // No noise is known.
-      if (!equal_) sum += 1.0 / static_cast<double>(variance);
+    sums_ = weigh_lenslets(grid_, plan_.lit().data(), slopes_, !equal_, ws_.weight_.data());
+    if (!equal_ && !sums_.noise_is_known) {
+      equal_ = true;
+      sums_ = weigh_lenslets(grid_, plan_.lit().data(), slopes_, false, ws_.weight_.data());
     }
-    if (equal_) return;
-    const auto scale = static_cast<float>(
-        static_cast<double>(ws_.weight_.size() - static_cast<std::size_t>(n_faded_)) / sum);
-    for (std::size_t m = 0; m < ws_.weight_.size(); ++m) {
-      const auto k = index(plan_.lenslets()[m].k);
-      if (ws_.weight_[m] != 0.0F)
-        ws_.weight_[m] = scale * 2.0F / (slopes_.variance_x[k] + slopes_.variance_y[k]);
-    }
+    const float scale = equal_ || sums_.n == 0 ? 1.0F : static_cast<float>(sums_.n) / sums_.weight;
+    largest_edge_ = load_edges(grid_, slopes_, sums_, scale, ws_.weight_.data(), ws_.edge_a_.data(),
+                               ws_.edge_b_.data());
   }
 
-  /// Sets the edges to the slopes less their mean. The mean is a plane and so exactly a gradient.
-  /// Taking it out first keeps float differences of φ small.
-  void load_edges() noexcept {
-    double sum_x = 0.0;
-    double sum_y = 0.0;
-    for (const Lenslet& lenslet : plan_.lenslets()) {
-      const auto k = index(lenslet.k);
-      if (slopes_.valid[k] == 0) continue;
-      sum_x += static_cast<double>(slopes_.x[k]);
-      sum_y += static_cast<double>(slopes_.y[k]);
-    }
-    const double n = std::max<double>(1.0, static_cast<double>(ws_.weight_.size()) - n_faded_);
-    mean_x_ = static_cast<float>(sum_x / n);
-    mean_y_ = static_cast<float>(sum_y / n);
-    for (std::size_t m = 0; m < ws_.weight_.size(); ++m) {
-      const auto k = index(plan_.lenslets()[m].k);
-      const bool valid = ws_.weight_[m] != 0.0F;
-      const float x = slopes_.x[k] - mean_x_;
-      const float y = slopes_.y[k] - mean_y_;
-      ws_.edge_[2 * m] = valid ? x + y : 0.0F;
-      ws_.edge_[2 * m + 1] = valid ? y - x : 0.0F;
-    }
+  void gather(const AlignedVector<float>& corners) noexcept {
+    const std::vector<std::size_t>& place = plan_.node_places();
+    for (std::size_t i = 0; i < place.size(); ++i) ws_.nodes_[i] = corners[place[i]];
+  }
+  void scatter(AlignedVector<float>& corners) noexcept {
+    const std::vector<std::size_t>& place = plan_.node_places();
+    for (std::size_t i = 0; i < place.size(); ++i) corners[place[i]] = ws_.nodes_[i];
   }
 
-  /// Computes out = ΓᵀW·edge on the nodes.
-  void weighted_divergence(const AlignedVector<float>& edge, AlignedVector<float>& out) noexcept {
-    std::fill(out.begin(), out.end(), 0.0F);
-    for (std::size_t m = 0; m < ws_.weight_.size(); ++m) {
-      const auto& node = plan_.lenslets()[m].node;
-      const float a = ws_.weight_[m] * edge[2 * m];
-      const float b = ws_.weight_[m] * edge[2 * m + 1];
-      out[index(node[0])] -= a;
-      out[index(node[3])] += a;
-      out[index(node[1])] -= b;
-      out[index(node[2])] += b;
-    }
+  /// Solves with the blocks that were made of the pupil, and corrects for the edges that have
+  /// faded. Returns false where a factor of the frame's weights is likely to be faster, or was
+  /// needed.
+  bool solve_by_blocks() noexcept {
+    ws_.correction_.clear();
+    const std::vector<std::int32_t>& node = plan_.node_of_corner();
+    for (const FadedLenslets::Edge& edge : ws_.faded_.edges())
+      ws_.correction_.add(node[as_size(edge.from)], node[as_size(edge.to)]);
+    if (!ws_.faded_.lenslets().empty() &&
+        ws_.correction_.predict_operations(plan_.solver()) > plan_.network_operations())
+      return false;
+    find_divergence(grid_, ws_.edge_a_.data(), ws_.edge_b_.data(), ws_.residual_.data());
+    gather(ws_.residual_);
+    const float goal = static_cast<float>(plan_.options().tolerance) * largest_edge_;
+    const int steps = ws_.correction_.solve(plan_.solver(), ws_.solver_, goal, ws_.nodes_.data());
+    if (steps < 0) return false;
+    split_.iterations = steps;
+    scatter(ws_.phi_);
+    return true;
   }
 
-  /// Computes out = A⁻¹·in with the unweighted Laplacian of the whole pupil. The result is 0 at
-  /// pinned nodes.
-  void solve_laplacian(const AlignedVector<float>& in, AlignedVector<float>& out) noexcept {
-    const int n = plan_.factor().size();
-    std::copy_n(in.begin(), n, out.begin());
-    std::fill(out.begin() + n, out.end(), 0.0F);
-    plan_.factor().solve_in_place(out.data());
-  }
-
-  void solve_directly() noexcept {
-    weighted_divergence(ws_.edge_, ws_.gradient_);
-    solve_laplacian(ws_.gradient_, ws_.phi_);
-  }
-
-  /// Solves by conjugate gradients on least squares (CGLS). The residual is kept on the edges,
-  /// where float is accurate. The system is singular where faded lenslets split a component, but it
-  /// stays consistent. k faded lenslets change 2k eigenvalues, so that at most 2k+1 steps are
-  /// needed in exact arithmetic.
-  void solve_iteratively() noexcept {
-    std::fill(ws_.phi_.begin(), ws_.phi_.end(), 0.0F);
-    std::fill(ws_.direction_.begin(), ws_.direction_.end(), 0.0F);
-    weighted_divergence(ws_.edge_, ws_.gradient_);
-    solve_laplacian(ws_.gradient_, ws_.solved_);
-    double energy = dot(ws_.gradient_, ws_.solved_);
-    const double goal = plan_.options().tolerance * plan_.options().tolerance * energy;
-    double previous = 0.0;
-    while (energy > goal && energy > 0.0) {
-      if (split_.iterations == plan_.options().max_iterations) {
+  /// Solves with a factor of this frame's weights. It is in float, so that the solution is refined:
+  /// what is left is found in double and solved for again. Every step leaves a fixed part of the
+  /// error, which the last two steps tell.
+  void solve_by_network() noexcept {
+    plan_.network().factorise(ws_.weight_.data(), ws_.network_);
+    std::fill(ws_.exact_phi_.begin(), ws_.exact_phi_.end(), 0.0);
+    double previous = static_cast<double>(step_by_network());
+    const double goal =
+        plan_.options().tolerance * std::max(previous, static_cast<double>(largest_edge_));
+    while (previous > 0.0) {
+      if (split_.iterations == plan_.options().max_iterations || !std::isfinite(previous)) {
         split_.converged = false;
-        return;
+        break;
       }
       ++split_.iterations;
-      const auto beta = static_cast<float>(previous > 0.0 ? energy / previous : 0.0);
-      for (std::size_t i = 0; i < ws_.direction_.size(); ++i)
-        ws_.direction_[i] = ws_.solved_[i] + beta * ws_.direction_[i];
-      const double curvature = apply_direction();
-      if (!(curvature > 0.0)) {
-        split_.converged = curvature == 0.0;  // NaN means that slopes are too large for float.
-        return;
-      }
-      const auto alpha = static_cast<float>(energy / curvature);
-      for (std::size_t i = 0; i < ws_.phi_.size(); ++i) ws_.phi_[i] += alpha * ws_.direction_[i];
-      for (std::size_t i = 0; i < ws_.edge_.size(); ++i) ws_.edge_[i] -= alpha * ws_.step_edge_[i];
-      weighted_divergence(ws_.edge_, ws_.gradient_);
-      solve_laplacian(ws_.gradient_, ws_.solved_);
-      previous = energy;
-      energy = dot(ws_.gradient_, ws_.solved_);
+      const double change = static_cast<double>(step_by_network());
+      if (change * change <= goal * previous) break;
+      previous = change;
     }
+    for (std::size_t i = 0; i < ws_.phi_.size(); ++i)
+      ws_.phi_[i] = static_cast<float>(ws_.exact_phi_[i]);
   }
 
-  /// Computes step_edge = Γ·direction and returns its weighted square.
-  double apply_direction() noexcept {
-    double sum = 0.0;
-    for (std::size_t m = 0; m < ws_.weight_.size(); ++m) {
-      const auto& node = plan_.lenslets()[m].node;
-      const auto& p = ws_.direction_;
-      const float a = p[index(node[3])] - p[index(node[0])];
-      const float b = p[index(node[2])] - p[index(node[1])];
-      ws_.step_edge_[2 * m] = a;
-      ws_.step_edge_[2 * m + 1] = b;
-      sum += static_cast<double>(ws_.weight_[m] * (a * a + b * b));
-    }
-    return sum;
+  /// Does one step, and returns the largest change of an edge.
+  float step_by_network() noexcept {
+    find_residual(grid_, ws_.weight_.data(), ws_.edge_a_.data(), ws_.edge_b_.data(),
+                  ws_.exact_phi_.data(), ws_.residual_.data());
+    gather(ws_.residual_);
+    plan_.network().solve(ws_.network_, ws_.nodes_.data());
+    scatter(ws_.phi_);
+    return add_step(grid_, ws_.weight_.data(), ws_.phi_.data(), ws_.exact_phi_.data());
   }
 
-  static double dot(const AlignedVector<float>& a, const AlignedVector<float>& b) noexcept {
-    double sum = 0.0;
-    for (std::size_t i = 0; i < a.size(); ++i)
-      sum += static_cast<double>(a[i]) * static_cast<double>(b[i]);
-    return sum;
+  void store() noexcept {
+    const float sum = store_slopes(grid_, slopes_, sums_, ws_.weight_.data(), ws_.phi_.data(),
+                                   ws_.edge_a_.data(), ws_.edge_b_.data(), split_);
+    const bool any_cut_off = ws_.faded_.any_part_cut_off();
+    if (any_cut_off) ws_.lattice_.build_parts(slopes_.valid);
+    const Lattice& lattice = any_cut_off ? ws_.lattice_ : plan_.lattice();
+    if (lattice.n_phase_groups() == 1)
+      subtract_mean(grid_, ws_.weight_.data(), sum / static_cast<float>(std::max(sums_.n, 1)),
+                    split_);
+    else
+      subtract_group_means(lattice);
+    store_potential();
+    ws_.faded_.store_holes(plan_.faces(), slopes_, split_.holes);
   }
 
-  /// Stores the curl-free slopes Γφ and what is left of the slopes. The edges then hold w·e of the
-  /// solenoidal part.
-  void store_slopes() noexcept {
-    for (std::size_t m = 0; m < ws_.weight_.size(); ++m) {
-      const Lenslet& lenslet = plan_.lenslets()[m];
-      const auto k = index(lenslet.k);
-      const float w = ws_.weight_[m];
-      if (w == 0.0F) {
-        split_.curl_free_x[k] = split_.curl_free_y[k] = 0.0F;
-        split_.solenoidal_x[k] = split_.solenoidal_y[k] = 0.0F;
-        ws_.edge_[2 * m] = ws_.edge_[2 * m + 1] = 0.0F;
-        continue;
-      }
-      const float a = ws_.phi_[index(lenslet.node[3])] - ws_.phi_[index(lenslet.node[0])];
-      const float b = ws_.phi_[index(lenslet.node[2])] - ws_.phi_[index(lenslet.node[1])];
-      const float x = 0.5F * (a - b);
-      const float y = 0.5F * (a + b);
-      const float solenoidal_x = slopes_.x[k] - mean_x_ - x;
-      const float solenoidal_y = slopes_.y[k] - mean_y_ - y;
-      split_.curl_free_x[k] = mean_x_ + x;
-      split_.curl_free_y[k] = mean_y_ + y;
-      split_.solenoidal_x[k] = solenoidal_x;
-      split_.solenoidal_y[k] = solenoidal_y;
-      ws_.edge_[2 * m] = w * (solenoidal_x + solenoidal_y);
-      ws_.edge_[2 * m + 1] = w * (solenoidal_y - solenoidal_x);
-    }
-  }
-
-  /// Stores φ at the lenslet centres. It is the mean over four corners, with mean zero over each
-  /// part of the pupil.
-  void store_phase() noexcept {
-    if (n_faded_ > 0) ws_.lattice_.build(slopes_.valid);
-    const Lattice& lattice = n_faded_ > 0 ? ws_.lattice_ : plan_.lattice();
-    const auto n_groups = static_cast<std::size_t>(lattice.n_phase_groups());
+  /// Gives the phase mean zero over each part of the pupil.
+  void subtract_group_means(const Lattice& lattice) noexcept {
+    const auto n_groups = as_size(lattice.n_phase_groups());
     std::fill_n(ws_.group_sum_.begin(), n_groups, 0.0F);
     std::fill_n(ws_.group_count_.begin(), n_groups, 0);
-    const int cols = slopes_.cols();
-    for (const Lenslet& lenslet : plan_.lenslets()) {
-      const auto k = index(lenslet.k);
-      if (slopes_.valid[k] == 0) {
-        split_.phase[k] = 0.0F;
-        continue;
-      }
-      const int row = lenslet.k / cols;
-      const int col = lenslet.k % cols;
-      const auto& node = lenslet.node;
-      const float phase = 0.25F * (ws_.phi_[index(node[0])] + ws_.phi_[index(node[1])] +
-                                   ws_.phi_[index(node[2])] + ws_.phi_[index(node[3])]) +
-                          mean_x_ * static_cast<float>(col) + mean_y_ * static_cast<float>(row);
-      const auto group = index(lattice.phase_group_of(lenslet.k));
-      split_.phase[k] = phase;
-      ws_.group_sum_[group] += phase;
+    for (const std::int32_t k : plan_.lenslets()) {
+      if (slopes_.valid[as_size(k)] == 0) continue;
+      const auto group = as_size(lattice.phase_group_of(k));
+      ws_.group_sum_[group] += split_.phase[as_size(k)];
       ++ws_.group_count_[group];
     }
     for (std::size_t g = 0; g < n_groups; ++g)
-      ws_.group_sum_[g] /= static_cast<float>(ws_.group_count_[g]);
-    for (const Lenslet& lenslet : plan_.lenslets()) {
-      const auto k = index(lenslet.k);
-      if (slopes_.valid[k] != 0)
-        split_.phase[k] -= ws_.group_sum_[index(lattice.phase_group_of(lenslet.k))];
-    }
+      ws_.group_sum_[g] /= static_cast<float>(std::max(ws_.group_count_[g], 1));
+    for (const std::int32_t k : plan_.lenslets())
+      if (slopes_.valid[as_size(k)] != 0)
+        split_.phase[as_size(k)] -= ws_.group_sum_[as_size(lattice.phase_group_of(k))];
   }
 
   /// Stores ψ by adding up w·e across edges, from the outside in. A faded lenslet adds nothing.
   /// This is right, because the faces on both its sides have become one.
   void store_potential() noexcept {
-    ws_.psi_[0] = ws_.psi_[1] = 0.0F;
-    for (const SplitPlan::PotentialStep& step : plan_.potential_steps())
-      ws_.psi_[index(step.face)] =
-          ws_.psi_[index(step.from_face)] + step.sign * ws_.edge_[index(step.edge)];
-    const Lattice& lattice = plan_.lattice();
-    for (int row = 0; row < split_.potential.rows(); ++row)
-      for (int col = 0; col < split_.potential.cols(); ++col)
-        split_.potential(row, col) =
-            ws_.psi_[index(lattice.face_of((row + 1) * lattice.corner_cols() + col + 1))];
-  }
-
-  void store_holes() noexcept {
-    const Lattice& lattice = n_faded_ > 0 ? ws_.lattice_ : plan_.lattice();
-    split_.holes.clear();
-    for (const LatticeHole& hole : lattice.holes())
-      split_.holes.push({hole.x, hole.y, 0.0F, hole.loops_even == 0 || hole.loops_odd == 0});
-    if (lattice.holes().empty()) return;
-    if (n_faded_ == 0) {
-      for (const std::int32_t m : plan_.hole_borders()) add_to_holes(lattice, index(m));
-    } else {
-      for (std::size_t m = 0; m < ws_.weight_.size(); ++m) add_to_holes(lattice, m);
-    }
-  }
-
-  /// Adds a lenslet's edges to the loops of the holes beside it. Edge A (00 → 11) runs round corner
-  /// 10 in the positive sense and round corner 01 in the negative. Edge B (01 → 10) does so round
-  /// corners 00 and 11.
-  void add_to_holes(const Lattice& lattice, std::size_t m) noexcept {
-    const std::int32_t k = plan_.lenslets()[m].k;
-    if (slopes_.valid[index(k)] == 0) return;
-    const auto corner = lattice.corners_of(k);
-    const float a = slopes_.x[index(k)] + slopes_.y[index(k)];
-    const float b = slopes_.y[index(k)] - slopes_.x[index(k)];
-    const float along[4] = {b, -a, a, -b};
-    for (std::size_t i = 0; i < 4; ++i) {
-      const int hole = lattice.hole_of_face(lattice.face_of(corner[i]));
-      if (hole < 0) continue;
-      HoleCirculation& h = split_.holes[index(hole)];
-      h.circulation += (h.one_sublattice ? 1.0F : 0.5F) * along[i];
+    auto copy = plan_.potential_copies().begin();
+    for (int row = 1; row < grid_.rows; ++row) {
+      find_potential_row(grid_, row, plan_.from_left().data(), plan_.from_right().data(),
+                         ws_.edge_a_.data(), ws_.edge_b_.data(), ws_.psi_.data());
+      for (; copy != plan_.potential_copies().end() && copy->row == row; ++copy)
+        ws_.psi_[copy->to] = ws_.psi_[copy->from];
+      if (grid_.cols > 1)
+        std::copy_n(&ws_.psi_[grid_.at(row, 1)], grid_.cols - 1, &split_.potential(row - 1, 0));
     }
   }
 
   const SplitPlan& plan_;
+  const SplitGrid& grid_;
   const SlopeField& slopes_;
   SplitWorkspace& ws_;
   HodgeSplit& split_;
-  int n_faded_ = 0;
+  FitSums sums_;
   bool equal_ = true;
-  float mean_x_ = 0.0F;
-  float mean_y_ = 0.0F;
+  float largest_edge_ = 0.0F;
 };
 
 void split_slopes(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,

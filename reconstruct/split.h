@@ -6,14 +6,18 @@
 // sublattice, and the circulation of Γφ is zero in exact arithmetic.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <vector>
 
 #include "core/hodge_split.h"
 #include "core/lattice.h"
 #include "core/slope_field.h"
-#include "reconstruct/cholesky_factor.h"
+#include "reconstruct/block_solver.h"
+#include "reconstruct/dissection.h"
+#include "reconstruct/fade_correction.h"
+#include "reconstruct/faded_lenslets.h"
+#include "reconstruct/network_factor.h"
+#include "reconstruct/split_grid.h"
 
 namespace curlew {
 
@@ -21,52 +25,61 @@ struct SplitOptions {
   /// If true, every lenslet has its inverse variance, 2/(σx²+σy²), as its weight. If false, all
   /// weights are equal.
   bool weighted = false;
-  /// Conjugate gradients are used with weights or where lenslets have faded. They end when the part
-  /// of the fit's energy still missing, in the norm of the unweighted fit, is below tolerance²
-  /// times that of the first estimate.
+  /// With weights, or where lenslets have faded, the solution is improved step by step, until the
+  /// next step would change no slope by more than this part of the largest.
   double tolerance = 1e-6;
   int max_iterations = 200;
 };
 
-/// The plan holds all that follows from the pupil: the lattice and the factor of its Laplacian.
+/// The plan holds all that follows from the pupil: the lattice, and how its Laplacian is solved.
 class SplitPlan {
  public:
   /// `valid` is [rows, cols] and non-zero where a lenslet is lit. Throws Failure where none is.
   SplitPlan(const Image<std::uint8_t>& valid, const SplitOptions& options);
 
-  /// This is one lenslet's place in slope maps and among the unknowns.
-  struct Lenslet {
-    std::int32_t k;
-    std::array<std::int32_t, 4> node;  ///< nodes of its corners 00, 01, 10, 11
-  };
-  /// This step gives ψ of a face from that of its neighbour, across one edge of one lenslet.
-  struct PotentialStep {
-    std::int32_t face;
-    std::int32_t from_face;
-    std::int32_t edge;  ///< 2·lenslet for edge A, +1 for edge B
-    float sign;
+  /// This is a corner of a hole's face that gets its ψ from another corner of the same face.
+  struct PotentialCopy {
+    std::int32_t row;
+    std::size_t to;
+    std::size_t from;
   };
 
-  const Lattice& lattice() const { return lattice_; }
+  const Lattice& lattice() const { return faces_.lattice(); }
+  const PupilFaces& faces() const { return faces_; }
   const SplitOptions& options() const { return options_; }
-  const CholeskyFactor& factor() const { return factor_; }
-  const std::vector<Lenslet>& lenslets() const { return lenslets_; }
-  const std::vector<PotentialStep>& potential_steps() const { return potential_steps_; }
-  /// Returns the lenslets that border a hole of the pupil.
-  const std::vector<std::int32_t>& hole_borders() const { return hole_borders_; }
-  int n_nodes() const { return lattice_.n_nodes(); }
+  const SplitGrid& grid() const { return grid_; }
+  /// Returns the lit lenslets, k = row·cols + col.
+  const std::vector<std::int32_t>& lenslets() const { return faces_.lenslets(); }
+  const BlockSolver& solver() const { return solver_; }
+  const NetworkFactor& network() const { return network_; }
+  /// Returns how many multiplications of the solver() take the time of a solution by network().
+  double network_operations() const;
+  /// Returns the places in working arrays of the nodes, in the order of elimination.
+  const std::vector<std::size_t>& node_places() const { return node_places_; }
+  /// Returns the position of each corner in that order; it means nothing where no node is.
+  const std::vector<std::int32_t>& node_of_corner() const { return node_of_corner_; }
+  const AlignedVector<float>& lit() const { return lit_; }  ///< 1 where a lenslet is lit
+  /// These say from which side a corner's ψ follows (find_potential_row()).
+  const AlignedVector<float>& from_left() const { return from_left_; }
+  const AlignedVector<float>& from_right() const { return from_right_; }
+  const std::vector<PotentialCopy>& potential_copies() const { return potential_copies_; }
 
  private:
-  Eigen::SparseMatrix<double> laplacian() const;
+  SplitPlan(const SplitOptions& options, const Lattice& lattice);
+  SplitPlan(const SplitOptions& options, const Lattice& lattice, const Dissection& dissection);
   void plan_potential();
-  void plan_hole_borders();
 
   SplitOptions options_;
-  Lattice lattice_;
-  std::vector<Lenslet> lenslets_;  // node: unknowns in elimination order, then the pinned nodes
-  CholeskyFactor factor_;
-  std::vector<PotentialStep> potential_steps_;
-  std::vector<std::int32_t> hole_borders_;
+  PupilFaces faces_;
+  SplitGrid grid_;
+  BlockSolver solver_;
+  NetworkFactor network_;
+  std::vector<std::size_t> node_places_;
+  std::vector<std::int32_t> node_of_corner_;
+  AlignedVector<float> lit_;
+  AlignedVector<float> from_left_;
+  AlignedVector<float> from_right_;
+  std::vector<PotentialCopy> potential_copies_;
 };
 
 /// This is one frame's scratch memory; it belongs to one slot.
@@ -76,24 +89,29 @@ class SplitWorkspace {
 
  private:
   friend class Splitter;
-  Lattice lattice_;              // lattice of a frame in which lenslets have faded
-  AlignedVector<float> weight_;  // [lenslets]
-  AlignedVector<float> edge_;    // [2·lenslets] residual on edges A and B
-  AlignedVector<float> step_edge_;
-  AlignedVector<float> phi_;  // [nodes]
-  AlignedVector<float> gradient_;
-  AlignedVector<float> solved_;
-  AlignedVector<float> direction_;
+  FadedLenslets faded_;
+  Lattice lattice_;  // lattice of a frame in which a part of the pupil has been cut off
+  // These are working arrays (SplitGrid), by lenslets and by corners.
+  AlignedVector<float> weight_;
+  AlignedVector<float> edge_a_;
+  AlignedVector<float> edge_b_;
+  AlignedVector<float> residual_;
+  AlignedVector<float> phi_;
+  AlignedVector<double> exact_phi_;
+  AlignedVector<float> psi_;
+  AlignedVector<float> nodes_;      // [nodes + 1] in the order of elimination
   AlignedVector<float> group_sum_;  // [phase groups ≤ lenslets]
   AlignedVector<std::int32_t> group_count_;
-  AlignedVector<float> psi_;  // [faces]
+  BlockSolver::Workspace solver_;
+  FadeCorrection correction_;
+  NetworkFactor::Workspace network_;
 };
 
 /// Splits one frame. Lenslets of the plan that are not valid in `slopes` are left out of the fit:
 /// the answer is the least-squares one on the lattice that remains, and phase and slopes are 0 at
-/// these lenslets. A lenslet that is valid in `slopes` must be valid in the plan. Relative to the
-/// largest value, slopes are accurate to 1e-6 and the phase to 2e-5 (in float; see
-/// tests/reconstruct).
+/// these lenslets. A lenslet that is valid in `slopes` must be valid in the plan. Slopes are
+/// accurate to 1e-5 of the largest and the phase to 2e-5 of its own (in float; see
+/// tests/reconstruct). Weights beyond 1e±9 of their mean count as that much.
 void split_slopes(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
                   HodgeSplit& split) noexcept;
 

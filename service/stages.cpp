@@ -24,9 +24,7 @@ void centroid(const Plan& plan, FrameSlot& slot) noexcept {
 }
 
 void slopes(const Plan& plan, FrameSlot& slot) noexcept {
-  measure_weak_slopes(plan.slopes, slot.centroids, slot.weak_slopes);
-  leave_out_weak(slot.centroids, slot.weak_slopes, slot.slopes);
-  subtract_low_orders(plan.slopes, slot.centroids, slot.weak_slopes);
+  measure_all_slopes(plan.slopes, slot.centroids, slot.weak_slopes, slot.slopes);
   subtract_turn(slot.centroids, slot.weak_slopes);
 }
 

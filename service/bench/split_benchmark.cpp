@@ -27,9 +27,30 @@ int count_faded(SplitDisturbance disturbance, std::size_t lit) {
     case SplitDisturbance::kOnePercentFaded:
       return part(0.01);
     case SplitDisturbance::kFivePercentFaded:
+    case SplitDisturbance::kCrossesFaded:
       return part(0.05);
     default:
       return 0;
+  }
+}
+
+/// Lets n lit lenslets fade, at the first of `places`, or in crosses about these.
+void fade(Image<std::uint8_t>& valid, const std::vector<std::size_t>& places, int n,
+          bool in_crosses) {
+  const auto fade_one = [&](int row, int col) {
+    if (n == 0 || !valid.contains(row, col) || valid(row, col) == 0) return;
+    valid(row, col) = 0;
+    --n;
+  };
+  for (const std::size_t k : places) {
+    const int row = static_cast<int>(k) / valid.cols();
+    const int col = static_cast<int>(k) % valid.cols();
+    fade_one(row, col);
+    if (!in_crosses) continue;
+    for (const int step : {-1, 1}) {
+      fade_one(row + step, col);
+      fade_one(row, col + step);
+    }
   }
 }
 
@@ -143,6 +164,8 @@ const char* name_of(SplitDisturbance disturbance) {
       return "one_percent_faded";
     case SplitDisturbance::kFivePercentFaded:
       return "five_percent_faded";
+    case SplitDisturbance::kCrossesFaded:
+      return "crosses_faded";
     case SplitDisturbance::kWeighted:
       return "weighted";
     default:
@@ -170,8 +193,8 @@ SlopeField disturbed_slopes(const Image<std::uint8_t>& pupil, SplitDisturbance d
   for (std::size_t k = 0; k < pupil.size(); ++k)
     if (pupil[k] != 0) lit.push_back(k);
   std::shuffle(lit.begin(), lit.end(), random);
-  const auto faded = as_size(count_faded(disturbance, lit.size()));
-  for (std::size_t i = 0; i < std::min(faded, lit.size()); ++i) slopes.valid[lit[i]] = 0;
+  fade(slopes.valid, lit, count_faded(disturbance, lit.size()),
+       disturbance == SplitDisturbance::kCrossesFaded);
   for (int r = 0; r < pupil.rows(); ++r) {
     for (int c = 0; c < pupil.cols(); ++c) {
       if (slopes.valid(r, c) == 0) continue;

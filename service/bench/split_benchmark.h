@@ -19,13 +19,19 @@ enum class SplitDisturbance : std::uint8_t {
   kOneFaded,         ///< one lenslet, anywhere
   kOnePercentFaded,  ///< of the lit lenslets, at random
   kFivePercentFaded,
-  kWeighted,  ///< none faded; variances as of exponentially distributed flux
+  kCrossesFaded,  ///< five per cent, in crosses of five
+  kWeighted,      ///< none faded; variances as of exponentially distributed flux
 };
-inline constexpr std::array<SplitDisturbance, 5> kSplitDisturbances = {
-    SplitDisturbance::kNone, SplitDisturbance::kOneFaded, SplitDisturbance::kOnePercentFaded,
-    SplitDisturbance::kFivePercentFaded, SplitDisturbance::kWeighted};
+inline constexpr std::array<SplitDisturbance, 6> kSplitDisturbances = {
+    SplitDisturbance::kNone,
+    SplitDisturbance::kOneFaded,
+    SplitDisturbance::kOnePercentFaded,
+    SplitDisturbance::kFivePercentFaded,
+    SplitDisturbance::kCrossesFaded,
+    SplitDisturbance::kWeighted};
 
-/// Returns "none_faded", "one_faded", "one_percent_faded", "five_percent_faded" or "weighted".
+/// Returns "none_faded", "one_faded", "one_percent_faded", "five_percent_faded", "crosses_faded" or
+/// "weighted".
 const char* name_of(SplitDisturbance disturbance);
 
 /// Returns a round pupil with a central obscuration of .28 of its diameter, as a telescope with a

@@ -4,9 +4,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <random>
+#include <utility>
 
 #include "core/error.h"
 #include "service/bench/bench_frames.h"
@@ -192,6 +196,105 @@ TEST(WeakSlopes, AreTheSlopesOfWeakSpotsToo) {
   for (const int c : {4, 5}) {
     EXPECT_EQ(weak.valid(0, c), 0);
     EXPECT_EQ(weak.variance_x(0, c), 0.0F);
+  }
+}
+
+/// Returns the slope, variances and covariance of one lenslet by the plain formula, without
+/// vectors.
+std::array<float, 5> plain_slope(const SlopePlan& plan, const Centroids& centroids, std::size_t k) {
+  const LensletState state = centroids.state[k];
+  const bool soft = state == LensletState::kFaint || state == LensletState::kAtEdge;
+  const bool weak = soft && centroids.flux_adu[k] > 0.0F;
+  const bool dark = soft && !weak;
+  if (state != LensletState::kValid && !soft) return {};
+  const auto along = [&](float at, float ref, float gain, float moved, float low, float error) {
+    const float in_window = (at - ref - (dark ? 0.0F : moved)) * (dark ? 0.0F : gain);
+    return std::array{in_window + (dark ? low : moved), error * in_window};
+  };
+  const auto [dx, ex] = along(centroids.x_px[k], plan.ref_x_px[k], plan.inverse_gain_x[k],
+                              centroids.moved_x_px[k], centroids.low_x_px[k], plan.gain_error_x[k]);
+  const auto [dy, ey] = along(centroids.y_px[k], plan.ref_y_px[k], plan.inverse_gain_y[k],
+                              centroids.moved_y_px[k], centroids.low_y_px[k], plan.gain_error_y[k]);
+  const auto noise = [&](float measured, float moment) {
+    const float spot = weak && !(measured > 0.0F) ? plan.spot_variance_px2 : measured;
+    constexpr float kOfBroadening = 0.08F * 0.08F;
+    return spot + (plan.systematic_variance_px2 +
+                   kOfBroadening * std::max(moment - plan.reference_variance_px2, 0.0F));
+  };
+  const float gx = dark ? 0.0F : plan.inverse_gain_x[k];
+  const float gy = dark ? 0.0F : plan.inverse_gain_y[k];
+  const float vx = noise(centroids.variance_x_px2[k], centroids.xx_px2[k]) * gx * gx + ex * ex;
+  const float vy = noise(centroids.variance_y_px2[k], centroids.yy_px2[k]) * gy * gy + ey * ey;
+  const float c = centroids.covariance_xy_px2[k] * gx * gy;
+  const float m11 = plan.m11, m12 = plan.m12, m21 = plan.m21, m22 = plan.m22;
+  float variance_x = m11 * m11 * vx + 2.0F * m11 * m12 * c + m12 * m12 * vy;
+  float variance_y = m21 * m21 * vx + 2.0F * m21 * m22 * c + m22 * m22 * vy;
+  float covariance = m11 * m21 * vx + (m11 * m22 + m12 * m21) * c + m12 * m22 * vy;
+  const float maximum = plan.window_variance[k];
+  if (weak && std::max(variance_x, variance_y) > maximum) {
+    variance_x = std::min(variance_x, maximum);
+    variance_y = std::min(variance_y, maximum);
+    covariance = 0.0F;
+  }
+  const float of_dark = dark ? maximum : 0.0F;
+  return {m11 * dx + m12 * dy, m21 * dx + m22 * dy, of_dark + variance_x, of_dark + variance_y,
+          covariance};
+}
+
+// Arrays smaller than a vector, of whole vectors, and with a rest.
+TEST(AllSlopes, AreBitForBitThePlainFormula) {
+  std::mt19937 random(31);
+  std::normal_distribution<float> normal;
+  for (const auto& [rows, cols] : {std::pair{1, 3}, {3, 7}, {8, 8}, {13, 11}}) {
+    Sensor sensor = tiled_sensor({rows, cols, 10});
+    sensor.grid.p12 = 0.3;
+    sensor.spot_sigma_px = 1.1;
+    for (float& gain : sensor.gain_x) gain = 1.0F - 0.2F * std::abs(normal(random));
+    const SlopePlan plan(sensor);
+    Centroids centroids(rows, cols);
+    for (std::size_t k = 0; k < centroids.state.size(); ++k) {
+      centroids.state[k] = static_cast<LensletState>(random() % kLensletStates);
+      centroids.x_px[k] = plan.ref_x_px[k] + normal(random);
+      centroids.y_px[k] = plan.ref_y_px[k] + normal(random);
+      centroids.flux_adu[k] = std::max(0.0F, 50.0F * normal(random) + 20.0F);
+      centroids.xx_px2[k] = 1.2F + 0.3F * normal(random);
+      centroids.yy_px2[k] = 1.2F + 0.3F * normal(random);
+      centroids.variance_x_px2[k] = std::max(0.0F, 0.1F * normal(random));
+      centroids.variance_y_px2[k] = std::max(0.0F, 9.0F * normal(random));
+      centroids.covariance_xy_px2[k] = 0.01F * normal(random);
+      centroids.low_x_px[k] = normal(random);
+      centroids.low_y_px[k] = normal(random);
+      centroids.moved_x_px[k] = std::round(normal(random));
+      centroids.moved_y_px[k] = std::round(normal(random));
+    }
+    SlopeField weak(rows, cols);
+    SlopeField strict(rows, cols);
+    measure_all_slopes(plan, centroids, weak, strict);
+    int n_weak = 0;
+    int n_strict = 0;
+    for (std::size_t k = 0; k < centroids.state.size(); ++k) {
+      SCOPED_TRACE(k);
+      const auto [x, y, variance_x, variance_y, covariance] = plain_slope(plan, centroids, k);
+      const bool valid = centroids.state[k] == LensletState::kValid;
+      const bool any = valid || centroids.state[k] == LensletState::kFaint ||
+                       centroids.state[k] == LensletState::kAtEdge;
+      const float low_x = any ? centroids.low_x_px[k] : 0.0F;
+      const float low_y = any ? centroids.low_y_px[k] : 0.0F;
+      EXPECT_EQ(weak.x[k], x - (plan.m11 * low_x + plan.m12 * low_y));
+      EXPECT_EQ(weak.y[k], y - (plan.m21 * low_x + plan.m22 * low_y));
+      EXPECT_EQ(weak.variance_x[k], variance_x);
+      EXPECT_EQ(weak.variance_y[k], variance_y);
+      EXPECT_EQ(weak.covariance_xy[k], covariance);
+      EXPECT_EQ(weak.valid[k], any ? 1 : 0);
+      EXPECT_EQ(strict.x[k], valid ? x : 0.0F);
+      EXPECT_EQ(strict.y[k], valid ? y : 0.0F);
+      EXPECT_EQ(strict.variance_y[k], valid ? variance_y : 0.0F);
+      EXPECT_EQ(strict.valid[k], valid ? 1 : 0);
+      n_weak += any ? 1 : 0;
+      n_strict += valid ? 1 : 0;
+    }
+    EXPECT_EQ(weak.n_valid, n_weak);
+    EXPECT_EQ(strict.n_valid, n_strict);
   }
 }
 
