@@ -65,6 +65,16 @@ std::string_view card_name(std::string_view card) {
   return name;
 }
 
+std::string_view loose_card_name(std::string_view card) {
+  constexpr std::string_view kLongNames = "HIERARCH ";
+  if (card.starts_with(kLongNames)) {
+    const std::string_view rest = card.substr(kLongNames.size());
+    return trimmed(rest.substr(0, rest.find('=')));
+  }
+  const std::string_view name = card.substr(0, std::min(kNameLength, card.size()));
+  return name.substr(0, name.find_first_of(" ="));
+}
+
 CardValue card_value(std::string_view card) {
   if (card.size() < kValueStart || card.substr(kNameLength, 2) != "= ") return {};
   std::string_view field = card.substr(kValueStart);

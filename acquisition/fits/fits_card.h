@@ -24,6 +24,10 @@ struct CardValue {
 /// Returns the keyword of a card, without the blanks behind it. card: up to 80 characters.
 std::string_view card_name(std::string_view card);
 
+/// Returns the keyword that cfitsio takes a card for: it ends at the first blank or equals sign,
+/// and after HIERARCH and a blank comes the keyword that counts, whatever its length.
+std::string_view loose_card_name(std::string_view card);
+
 /// Returns the value of a card. The value ends at the first blank or slash outside quotes.
 CardValue card_value(std::string_view card);
 

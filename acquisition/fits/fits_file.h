@@ -82,7 +82,7 @@ class FitsFile {
   bool is_image();
 
   // These return nullopt if the key is absent or has no value. They throw Failure if the value is
-  // of another type.
+  // of another type. In a text, what is no printable ASCII becomes '?'.
   std::optional<double> key_double(const std::string& name);
   std::optional<std::int64_t> key_int(const std::string& name);
   std::optional<std::string> key_string(const std::string& name);

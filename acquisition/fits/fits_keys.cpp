@@ -88,7 +88,7 @@ std::optional<std::string> FitsFile::key_string(const std::string& name) {
   handle_->check(status, "read the key " + name + " as a string");
   std::string text = value == nullptr ? "" : value;
   fits_free_memory(value, &status);
-  return text;
+  return printable_ascii(text);
 }
 
 void FitsFile::write_key(const std::string& name, const KeyValue& value, const std::string& comment,

@@ -34,8 +34,6 @@ struct Rule {
 constexpr auto kRules = std::to_array<Rule>({
     {"SIMPLE", false, Wanted::kLogical},
     {"EXTEND", false, Wanted::kLogical},
-    {"GROUPS", false, Wanted::kLogical},
-    {"INHERIT", false, Wanted::kLogical},
     {"XTENSION", false, Wanted::kText},
     {"BITPIX", false, Wanted::kBits},
     {"NAXIS", false, Wanted::kInteger, 0, kMaxAxes},
@@ -45,8 +43,6 @@ constexpr auto kRules = std::to_array<Rule>({
     {"BSCALE", false, Wanted::kNumber},
     {"BZERO", false, Wanted::kNumber},
     {"BLANK", false, Wanted::kInteger},
-    {"EXTVER", false, Wanted::kInteger},
-    {"EXTLEVEL", false, Wanted::kInteger},
     {"TFIELDS", false, Wanted::kInteger, 0, kMaxColumns},
     {"THEAP", false, Wanted::kInteger, 0},
     {"TFORM", true, Wanted::kText},
@@ -103,7 +99,7 @@ HeaderFault find_fault(const Rule& rule, std::string_view card) {
       if (value.kind != CardKind::kText) return wrong_card(card, "a text in quotes");
       break;
     case Wanted::kNumber:
-      if (!value.is_number()) return wrong_card(card, "a number");
+      if (value.kind == CardKind::kLogical || !real_of(value)) return wrong_card(card, "a number");
       break;
     case Wanted::kBits:
       if (value.kind != CardKind::kInteger || !is_bitpix(value.integer))
@@ -122,9 +118,12 @@ HeaderFault find_fault(const Rule& rule, std::string_view card) {
 HeaderFault check_every_card(const RawHeader& header) {
   for (std::size_t i = 0; i < header.size(); ++i) {
     const std::string_view card = header.card(i);
-    const std::string_view name = card_name(card);
+    const std::string_view name = loose_card_name(card);
     for (const Rule& rule : kRules) {
       if (rule.numbered ? number_after(name, rule.name) == 0 : name != rule.name) continue;
+      if (name != card_name(card) &&
+          (card.starts_with("HIERARCH") || card_value(card).kind != CardKind::kNone))
+        return "a card of the name " + std::string(name) + " is misspelt";
       if (HeaderFault fault = find_fault(rule, card)) return fault;
     }
   }

@@ -1,6 +1,7 @@
 // This file checks what headers say of tables, of which compressed images are some.
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <charconv>
 #include <cstdint>
 #include <optional>
@@ -25,8 +26,9 @@ std::optional<std::int64_t> binary_column_bytes(std::string_view format) {
     return std::nullopt;
   if (error != std::errc()) repeat = 1;
   const std::string_view rest(letter + 1, static_cast<std::size_t>(end - letter - 1));
-  switch (*letter) {
+  switch (std::toupper(static_cast<unsigned char>(*letter))) {
     case 'A': {
+      if (rest.starts_with(':')) return repeat;  // a convention on substrings
       // rAw: texts of w characters; cfitsio divides by w.
       std::int64_t width = 1;
       if (!rest.empty() && (std::from_chars(rest.data(), end, width).ec != std::errc() ||
@@ -136,7 +138,7 @@ HeaderFault check_columns(const RawHeader& header, const HeaderLayout& layout) {
   for (std::size_t i = 0; i < header.size(); ++i) {
     const std::string_view card = header.card(i);
     // In a text table this key is a text.
-    if (layout.is_binary && number_after(card_name(card), "TNULL") > 0) {
+    if (layout.is_binary && number_after(loose_card_name(card), "TNULL") > 0) {
       const CardValue value = card_value(card);
       if (value.kind != CardKind::kNone && value.kind != CardKind::kInteger)
         return wrong_card(card, "a whole number");

@@ -108,14 +108,27 @@ TEST(HeaderCheck, WholeHeadersPass) {
 
 TEST(HeaderCheck, AKeyThatCfitsioTrustsIsSane) {
   const std::vector<std::pair<std::string, std::string>> wrong{
-      {"NAXIS", "10"},        {"NAXIS", "120"},         {"NAXIS", "-1"},
-      {"NAXIS", "'2'"},       {"NAXIS1", "-4"},         {"NAXIS2", long_text()},
-      {"BITPIX", "7"},        {"BITPIX", "0"},          {"PCOUNT", "-1"},
-      {"GCOUNT", "x"},        {"BSCALE", long_text()},  {"BZERO", "1E999"},
-      {"BLANK", long_text()}, {"EXTVER", long_text()},  {"EXTEND", long_text()},
-      {"ZIMAGE", "7"},        {"TFIELDS", "2000000000"}};
+      {"NAXIS", "10"},          {"NAXIS", "120"},        {"NAXIS", "-1"},
+      {"NAXIS", "'2'"},         {"NAXIS1", "-4"},        {"NAXIS2", long_text()},
+      {"BITPIX", "7"},          {"BITPIX", "0"},         {"PCOUNT", "-1"},
+      {"GCOUNT", "x"},          {"BSCALE", long_text()}, {"BZERO", "1E999"},
+      {"BLANK", long_text()},   {"EXTEND", long_text()}, {"ZIMAGE", "7"},
+      {"TFIELDS", "2000000000"}};
   for (const auto& [key, value] : wrong)
     EXPECT_NE(fault_of(with(kImage, key, value)).find(key), std::string::npos) << key << value;
+}
+
+// cfitsio takes all of these for the key BSCALE.
+TEST(HeaderCheck, MisspeltCardsOfSuchANameAreRefused) {
+  for (const char* name :
+       {"BSCALE= = ", "BSCALE X= ", "HIERARCH BSCALE = ", "HIERARCH  BSCALE= "}) {
+    Cards cards = kImage;
+    cards.push_back(name + long_text());
+    EXPECT_NE(fault_of(cards).find("BSCALE"), std::string::npos) << name;
+  }
+  Cards cards = kImage;
+  cards.push_back("HIERARCH ESO DET BSCALE = " + long_text());
+  EXPECT_EQ(fault_of(cards), "");
 }
 
 TEST(HeaderCheck, TheSecondCardOfOneNameIsCheckedToo) {
