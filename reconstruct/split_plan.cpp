@@ -1,12 +1,23 @@
 #include <algorithm>
 #include <deque>
+#include <string>
 
 #include "core/as_size.h"
 #include "core/error.h"
+#include "core/memory_limit.h"
 #include "reconstruct/split.h"
 
 namespace curlew {
 namespace {
+
+/// Returns the map, if the plan for it can be made within the limit on memory.
+const Image<std::uint8_t>& affordable(const Image<std::uint8_t>& valid) {
+  constexpr double kLenslet_bytes = 1600.0;  // measured on 400 x 400 of them
+  require_memory("splitting the slopes of " + std::to_string(valid.rows()) + " x " +
+                     std::to_string(valid.cols()) + " lenslets",
+                 kLenslet_bytes * static_cast<double>(valid.size()));
+  return valid;
+}
 
 Lattice lattice_of(const Image<std::uint8_t>& valid) {
   if (std::none_of(valid.begin(), valid.end(), [](std::uint8_t v) { return v != 0; }))
@@ -44,7 +55,7 @@ std::vector<SplitPlan::Lenslet> number_unknowns(const Lattice& lattice) {
 
 SplitPlan::SplitPlan(const Image<std::uint8_t>& valid, const SplitOptions& options)
     : options_(options),
-      lattice_(lattice_of(valid)),
+      lattice_(lattice_of(affordable(valid))),
       lenslets_(number_unknowns(lattice_)),
       factor_(laplacian()) {
   // The numbers change from the order of the corners to the order of elimination. Pinned nodes keep
