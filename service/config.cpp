@@ -130,9 +130,12 @@ std::string read_text(const std::string& path) {
   if (!std::filesystem::is_regular_file(path))
     throw UsageError(path + ": no such configuration file");
   std::ifstream file(path, std::ios::binary);
-  std::string text(kMaxFile_bytes + 1, '\0');
+  std::error_code error;
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  if (error) throw UsageError(path + ": it cannot be read");
+  std::string text(std::min(size, kMaxFile_bytes) + 1, '\0');
   file.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (file.bad() || (!file && !file.eof())) throw UsageError(path + ": it cannot be read");
+  if (!file.is_open() || file.bad()) throw UsageError(path + ": it cannot be read");
   text.resize(static_cast<std::size_t>(file.gcount()));
   if (text.size() > kMaxFile_bytes)
     throw UsageError(path + ": it is larger than 1 MB, which no configuration needs");

@@ -230,7 +230,7 @@ void FitsFile::Handle::unpack(const UnpackingProcess::Request& request, std::spa
   switch (outcome) {
     case UnpackingProcess::Outcome::kTooLong:
       fail("is damaged: its compressed pixels cannot be unpacked within " +
-           std::to_string(UnpackingProcess::kSeconds) + " s");
+           std::to_string(request.seconds()) + " s");
     case UnpackingProcess::Outcome::kTooLarge:
       fail("has compressed pixels that take too much memory: unpack it first, with funpack");
     default:

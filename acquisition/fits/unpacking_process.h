@@ -31,19 +31,20 @@ class UnpackingProcess {
     std::int64_t bytes = 0;     ///< of all elements
     std::int64_t elements = 0;
     bool undefined_is_nan = false;  ///< only for floating types
+
+    /// Returns how much processor time it may take; the slowest decoder makes 10 million a second.
+    int seconds() const { return static_cast<int>(2 + elements / 8'000'000); }
   };
   enum class Outcome {
     kRead,     ///< all elements are there
     kDamaged,  ///< cfitsio refused them, or the process crashed over them
-    kTooLong,  ///< they took longer than kSeconds of processor time
+    kTooLong,  ///< they took longer than request.seconds() of processor time
     kTooLarge  ///< they did not fit the memory
   };
 
   /// Fills `into`, of request.bytes bytes. What is in it after another outcome than kRead is
   /// undefined, and the object must not be used again.
   Outcome read(const Request& request, std::span<std::byte> into);
-
-  static constexpr int kSeconds = 2;  ///< of processor time, for one request
 
  private:
   Outcome outcome_of_death();

@@ -75,7 +75,7 @@ bool answer(fitsfile* file, const UnpackingProcess::Request& request) {
   const std::unique_ptr<std::byte[]> elements(new (std::nothrow) std::byte[count]());
   UnpackReply reply = UnpackReply::kTooLarge;
   if (elements) {
-    limit_time(UnpackingProcess::kSeconds);
+    limit_time(request.seconds());
     reply = unpack(file, request, elements.get());
     limit_time(0);
   }
@@ -85,7 +85,7 @@ bool answer(fitsfile* file, const UnpackingProcess::Request& request) {
 
 [[noreturn]] void serve() {
   limit_resources();
-  limit_time(UnpackingProcess::kSeconds);
+  limit_time(UnpackingProcess::Request{}.seconds());
   fitsfile* file = nullptr;
   int status = 0;
   const std::string path = "/proc/self/fd/" + std::to_string(kUnpackedFile);
