@@ -29,13 +29,16 @@ class FrameNumbering {
     if (id > kLast16) narrow_ = false;
     Arrival arrival;
     const std::int64_t step = continues_ ? step_to(id) : 0;
-    if (step > unnumbered_) {
+    if (step > unnumbered_ && step <= kLastSequence - last_) {
       arrival.lost = step - 1 - unnumbered_;
       arrival.sequence = last_ + step;
     } else {
-      // The numbers went back, or fewer of them are free than frames came without one.
+      // The numbers went back, or fewer of them are free than frames came without one, or they
+      // leapt further than any camera counts.
       arrival.renumbered = true;
-      arrival.sequence = started_ ? last_ + unnumbered_ + 1 : static_cast<std::int64_t>(id);
+      arrival.sequence = started_              ? last_ + unnumbered_ + 1
+                         : id <= kLastSequence ? static_cast<std::int64_t>(id)
+                                               : 0;
     }
     if (!started_) first_ = arrival.sequence - unnumbered_;
     started_ = true;
@@ -57,6 +60,8 @@ class FrameNumbering {
 
  private:
   static constexpr std::uint64_t kLast16 = 65535;
+  // A sequence goes no further, so that sums of a few do not overflow.
+  static constexpr std::int64_t kLastSequence = std::int64_t{1} << 62;
 
   /// Returns how many numbers `id` is after the last one; not positive if the numbers went back.
   std::int64_t step_to(std::uint64_t id) const noexcept {

@@ -386,6 +386,10 @@ void finish(const CentroidPlan& plan, const CentroidPlan::Spot& spot, const Wind
   out.variance_y_px2[k] =
       std::max((sums.q_yy - 2.0F * y * sums.q_y + y * y * sums.q) * scale, 0.0F);
   out.covariance_xy_px2[k] = (sums.q_xy - x * sums.q_y - y * sums.q_x + x * y * sums.q) * scale;
+  // Counts that are no light, as of a damaged map, must not spread.
+  if (!std::isfinite(x + y + flux_adu + out.xx_px2[k] + out.yy_px2[k] + out.xy_px2[k] +
+                     out.variance_x_px2[k] + out.variance_y_px2[k] + out.covariance_xy_px2[k]))
+    return clear(out, k, LensletState::kBadPixels, 0.0F);
   out.state[k] = state;
   out.n_valid += state == LensletState::kValid ? 1 : 0;
 }

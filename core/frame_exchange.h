@@ -5,9 +5,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "core/frame.h"
+#include "core/memory_limit.h"
 #include "core/slot_queue.h"
 
 namespace curlew {
@@ -20,8 +22,13 @@ namespace curlew {
 class FrameExchange {
  public:
   /// buffers: as many as the pipeline can hold at once, one that waits, and those that the camera
-  /// fills.
+  /// fills. Throws Failure if they take more than memory_limit_bytes().
   FrameExchange(const FrameFormat& format, std::size_t buffers) : empty_(buffers) {
+    require_memory(std::to_string(buffers) +
+                       " frame buffers (buffers in [camera], slots in "
+                       "[pipeline]) of " +
+                       std::to_string(format.bytes()) + " bytes",
+                   static_cast<double>(buffers) * static_cast<double>(format.bytes()));
     unused_.reserve(buffers);
     for (std::size_t i = 0; i < buffers; ++i) {
       buffers_.push_back(std::make_unique<FrameBuffer>(format));

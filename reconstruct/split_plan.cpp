@@ -1,11 +1,22 @@
 #include <algorithm>
+#include <string>
 
 #include "core/as_size.h"
 #include "core/error.h"
+#include "core/memory_limit.h"
 #include "reconstruct/split.h"
 
 namespace curlew {
 namespace {
+
+/// Returns the map, if the plan for it can be made within the limit on memory.
+const Image<std::uint8_t>& affordable(const Image<std::uint8_t>& valid) {
+  constexpr double kLenslet_bytes = 1600.0;  // measured on 400 x 400 of them
+  require_memory("splitting the slopes of " + std::to_string(valid.rows()) + " x " +
+                     std::to_string(valid.cols()) + " lenslets",
+                 kLenslet_bytes * static_cast<double>(valid.size()));
+  return valid;
+}
 
 Lattice lattice_of(const Image<std::uint8_t>& valid) {
   if (std::none_of(valid.begin(), valid.end(), [](std::uint8_t v) { return v != 0; }))
@@ -18,7 +29,7 @@ Lattice lattice_of(const Image<std::uint8_t>& valid) {
 }  // namespace
 
 SplitPlan::SplitPlan(const Image<std::uint8_t>& valid, const SplitOptions& options)
-    : SplitPlan(options, lattice_of(valid)) {}
+    : SplitPlan(options, lattice_of(affordable(valid))) {}
 
 SplitPlan::SplitPlan(const SplitOptions& options, const Lattice& lattice)
     : SplitPlan(options, lattice, Dissection(lattice)) {}

@@ -2,7 +2,10 @@
 
 #include <toml++/toml.h>
 
+#include <algorithm>
+#include <cstdint>
 #include <filesystem>
+#include <fstream>
 #include <set>
 #include <sstream>
 #include <utility>
@@ -117,14 +120,41 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("recorder", "compress", recorder.compress, kNotNegative);
 }
 
+// The parser goes down one level of the stack for every level of nesting, and a dotted key nests
+// without end. A line's dots bound its levels, whatever stands in quotes.
+constexpr std::uintmax_t kMaxFile_bytes = 1'000'000;
+constexpr std::ptrdiff_t kMaxDots = 40;
+
+/// Returns the text of a configuration file. Throws UsageError where the file is beyond reason.
+std::string read_text(const std::string& path) {
+  if (!std::filesystem::is_regular_file(path))
+    throw UsageError(path + ": no such configuration file");
+  std::ifstream file(path, std::ios::binary);
+  std::error_code error;
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  if (error) throw UsageError(path + ": it cannot be read");
+  std::string text(std::min(size, kMaxFile_bytes) + 1, '\0');
+  file.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (!file.is_open() || file.bad()) throw UsageError(path + ": it cannot be read");
+  text.resize(static_cast<std::size_t>(file.gcount()));
+  if (text.size() > kMaxFile_bytes)
+    throw UsageError(path + ": it is larger than 1 MB, which no configuration needs");
+  std::istringstream lines(text);
+  std::string line;
+  for (int number = 1; std::getline(lines, line); ++number)
+    if (std::count(line.begin(), line.end(), '.') > kMaxDots)
+      throw UsageError(path + ":" + std::to_string(number) + ": the line has more than " +
+                       std::to_string(kMaxDots) + " dots; keys must not nest that deeply");
+  return text;
+}
+
 }  // namespace
 
 Config read_config(const std::string& path) {
-  if (!std::filesystem::is_regular_file(path))
-    throw UsageError(path + ": no such configuration file");
+  const std::string text = read_text(path);
   toml::table table;
   try {
-    table = toml::parse_file(path);
+    table = toml::parse(text, path);
   } catch (const toml::parse_error& error) {
     throw UsageError(path + ":" + std::to_string(error.source().begin.line) + ": " +
                      std::string(error.description()));

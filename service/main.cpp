@@ -4,6 +4,7 @@
 #include <new>
 #include <string>
 
+#include "acquisition/fits/unpacking_process.h"
 #include "core/error.h"
 #include "service/commands/commands.h"
 #include "service/program/interrupt.h"
@@ -21,7 +22,11 @@ bool is_command(const CLI::App& app, const std::string& word) {
 
 int complain(const std::exception& error, int exit_code) {
   std::fflush(stdout);
-  std::fprintf(stderr, "curlew: %s\n", error.what());
+  // What a file or a name holds must not command the terminal, nor look like another line.
+  std::string sentence = error.what();
+  for (char& c : sentence)
+    if ((c >= '\0' && c < ' ') || c == '\x7f') c = '?';
+  std::fprintf(stderr, "curlew: %s\n", sentence.c_str());
   return exit_code;
 }
 
@@ -57,6 +62,7 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  curlew::serve_unpacking_if_asked(argc, argv);
   try {
     return run(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -1,6 +1,9 @@
 #include "service/stages.h"
 
 #include <algorithm>
+#include <string>
+
+#include "core/memory_limit.h"
 
 #include "centroiding/field_turn.h"
 
@@ -60,6 +63,21 @@ void hidden(const Plan& plan, FrameSlot& slot) noexcept {
                    slot.split, *slot.hidden_phase_workspace, slot.whole_phase);
 }
 
+/// Returns the grid, if plan and slots can be made within the limit on memory.
+LensletGrid affordable(const Sensor& sensor, const Config& config) {
+  // Measured on squares of 200 and 400 lenslets; most of it are the factors of the split.
+  constexpr double kPlan_bytes = 1600.0;
+  constexpr double kSlot_bytes = 200.0;
+  constexpr double kPixel_bytes = 12.0;
+  const LensletGrid& grid = sensor.grid;
+  const auto slots = static_cast<double>(config.pipeline.slots);
+  require_memory("the plan for " + std::to_string(grid.rows) + " x " + std::to_string(grid.cols) +
+                     " lenslets with " + std::to_string(config.pipeline.slots) + " slots",
+                 (kPlan_bytes + kSlot_bytes * slots) * grid.rows * grid.cols +
+                     kPixel_bytes * sensor.frame_rows * sensor.frame_cols);
+  return grid;
+}
+
 }  // namespace
 
 // Detection comes before the split, because it needs only the slopes and the split takes longest.
@@ -73,7 +91,7 @@ const std::array<Stage, kStageCount> kStages = {{
 }};
 
 Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config)
-    : grid(sensor.grid),
+    : grid(affordable(sensor, config)),
       centroid(sensor, format, config.centroid),
       slopes(sensor),
       detect(sensor, format, config),

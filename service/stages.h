@@ -28,6 +28,8 @@ namespace curlew {
 /// All that follows from the sensor, the format of the frames and the configuration. It is const
 /// after construction and shared.
 struct Plan {
+  /// Throws Failure or UsageError for what does not fit together, and Failure, before anything is
+  /// made, if plan and slots would take more than memory_limit_bytes().
   Plan(const Sensor& sensor, const FrameFormat& format, const Config& config);
   Plan(const Plan&) = delete;
   Plan& operator=(const Plan&) = delete;

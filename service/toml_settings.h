@@ -135,7 +135,9 @@ class TomlReader {
   /// camera takes, and in the file's order, because a selector must come before what it selects.
   void read(const toml::node& node, const std::string& key,
             std::vector<std::pair<std::string, std::string>>& value, Range) const {
-    if (!node.is_table()) refuse(node, key, "a table of names and values");
+    constexpr std::size_t kMost = 1000;
+    if (!node.is_table() || node.as_table()->size() > kMost)
+      refuse(node, key, "a table of at most " + std::to_string(kMost) + " names and values");
     value.clear();
     std::vector<toml::source_position> places;
     for (const auto& [name, element] : *node.as_table()) {

@@ -42,8 +42,9 @@ using KeyValue = std::variant<bool, std::int64_t, double, std::string>;
 /// error is a Failure that names the file. Two threads must not use one at once.
 class FitsFile {
  public:
-  /// Opens a file for reading. Throws Failure if it is missing, a directory, empty, unreadable, not
-  /// FITS, or damaged.
+  /// Opens a file for reading, one packed by gzip too. Throws Failure if it is missing, a
+  /// directory, empty, unreadable, not FITS, or if the header of one of its HDUs is damaged: what
+  /// cfitsio would trust is checked before (header_check.h).
   static FitsFile open(const std::string& path);
 
   /// Starts a file of another name beside `path`. Without commit() that file is deleted and `path`
@@ -81,7 +82,7 @@ class FitsFile {
   bool is_image();
 
   // These return nullopt if the key is absent or has no value. They throw Failure if the value is
-  // of another type.
+  // of another type. In a text, what is no printable ASCII becomes '?'.
   std::optional<double> key_double(const std::string& name);
   std::optional<std::int64_t> key_int(const std::string& name);
   std::optional<std::string> key_string(const std::string& name);
@@ -95,12 +96,13 @@ class FitsFile {
 
   // Images ----------------------------------------------------------------------------------
   /// Describes the selected image. Throws Failure, before anything is allocated, for sizes that
-  /// overflow, for a plane (the two fastest axes) larger than the machine's memory, and for a file
+  /// overflow, for a plane (the two fastest axes) that exceeds memory_limit_bytes(), and for a file
   /// shorter than its header promises (the message says what is there).
   ImageInfo image();
   /// Reads into.size() physical pixels from element `first`, in file order. NaN and infinity come
   /// as they are; undefined integer pixels become NaN if T is a floating type. T: uint8_t, int16_t,
-  /// uint16_t, int32_t, uint32_t, float, double.
+  /// uint16_t, int32_t, uint32_t, float, double. Compressed pixels are read in another process
+  /// (unpacking_process.h).
   template <typename T>
   void read_pixels(std::int64_t first, std::span<T> into);
   /// Appends an image HDU, all zero until written, and selects it. The first HDU of a file is

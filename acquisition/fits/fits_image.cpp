@@ -1,17 +1,18 @@
 // This file holds what FitsFile does with images.
 #include <fitsio.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <string>
 #include <type_traits>
 
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/fits/fits_handle.h"
+#include "core/memory_limit.h"
 
 namespace curlew {
 namespace {
@@ -19,9 +20,8 @@ namespace {
 constexpr int kMaxAxes = 9;
 // A FITS file consists of blocks of this many bytes.
 constexpr std::int64_t kBlock = 2880;
-// Working on a plane takes at least this many bytes a pixel: three planes of double, and the
-// counts.
-constexpr std::int64_t kWorkingBytes = 26;
+// A calibration works on a plane with this many bytes a pixel, measured on 4000 x 4000 floats.
+constexpr std::int64_t kWorkingBytes = 48;
 static_assert(sizeof(LONGLONG) == sizeof(std::int64_t));
 
 fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
@@ -91,10 +91,6 @@ std::int64_t saturating_product(std::int64_t a, std::int64_t b) {
                                                 : product;
 }
 
-std::int64_t memory_bytes() {
-  return saturating_product(sysconf(_SC_PHYS_PAGES), sysconf(_SC_PAGESIZE));
-}
-
 // Returns how many bytes the file holds from where the selected HDU's data begin. cfitsio reads
 // zeros past the end of a file, so nobody else notices that data are missing.
 std::int64_t bytes_present(fitsfile* file) {
@@ -132,9 +128,13 @@ std::optional<std::string> find_impossible(const ImageInfo& info, const ImageSiz
     return "promises an image of " + shape_text(info.shape) +
            " pixels, more than any file can hold: its header is damaged";
   }
-  if (saturating_product(size.plane, kWorkingBytes) > memory_bytes()) {
+  const std::int64_t needed = saturating_product(size.plane, kWorkingBytes);
+  if (needed > memory_limit_bytes()) {
     return "promises an image of " + shape_text(info.shape) +
-           " pixels, and one plane of it exceeds this machine's memory";
+           " pixels, and one plane of it takes " + std::to_string(needed / 1'000'000) +
+           " MB of memory, more than the limit of " +
+           std::to_string(memory_limit_bytes() / 1'000'000) +
+           " MB; CURLEW_MEMORY_MB in the environment sets another";
   }
   return std::nullopt;
 }
@@ -222,23 +222,50 @@ ImageInfo FitsFile::image() {
   return info;
 }
 
+void FitsFile::Handle::unpack(const UnpackingProcess::Request& request, std::span<std::byte> into) {
+  if (!unpacking) unpacking = std::make_unique<UnpackingProcess>(source.get());
+  const UnpackingProcess::Outcome outcome = unpacking->read(request, into);
+  if (outcome == UnpackingProcess::Outcome::kRead) return;
+  unpacking.reset();
+  switch (outcome) {
+    case UnpackingProcess::Outcome::kTooLong:
+      fail("is damaged: its compressed pixels cannot be unpacked within " +
+           std::to_string(request.seconds()) + " s");
+    case UnpackingProcess::Outcome::kTooLarge:
+      fail("has compressed pixels that take too much memory: unpack it first, with funpack");
+    default:
+      fail("is damaged: its compressed pixels cannot be unpacked");
+  }
+}
+
 template <typename T>
 void FitsFile::read_pixels(std::int64_t first, std::span<T> into) {
   fitsfile* file = cfits(handle_->file);
   int status = 0;
   int stored_type = 0;
   fits_get_img_type(file, &stored_type, &status);
+  const bool compressed = fits_is_compressed_image(file, &status) != 0;
+  handle_->check(status, "read the type of its pixels");
   // We replace only undefined integers; floats keep their own NaN and infinity. A compressed float
   // image stores NaN as an undefined integer too.
-  T* undefined = nullptr;
-  T nan{};
-  if constexpr (std::is_floating_point_v<T>) {
-    nan = std::numeric_limits<T>::quiet_NaN();
-    if (stored_type > 0 || fits_is_compressed_image(file, &status) != 0) undefined = &nan;
+  const bool undefined_is_nan = std::is_floating_point_v<T> && (stored_type > 0 || compressed);
+  if (compressed && handle_->reading()) {
+    int hdu = 0;
+    fits_get_hdu_num(file, &hdu);
+    handle_->unpack({.hdu = hdu - 1,
+                     .datatype = datatype<T>(),
+                     .first = first,
+                     .bytes = static_cast<std::int64_t>(into.size_bytes()),
+                     .elements = static_cast<std::int64_t>(into.size()),
+                     .undefined_is_nan = undefined_is_nan},
+                    std::as_writable_bytes(into));
+    return;
   }
+  T nan{};
+  if constexpr (std::is_floating_point_v<T>) nan = std::numeric_limits<T>::quiet_NaN();
   int any_undefined = 0;  // cfitsio writes to it whether we want it or not.
-  fits_read_img(file, datatype<T>(), first + 1, static_cast<LONGLONG>(into.size()), undefined,
-                into.data(), &any_undefined, &status);
+  fits_read_img(file, datatype<T>(), first + 1, static_cast<LONGLONG>(into.size()),
+                undefined_is_nan ? &nan : nullptr, into.data(), &any_undefined, &status);
   handle_->check(status, "read its pixels");
 }
 

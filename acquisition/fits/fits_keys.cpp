@@ -9,6 +9,7 @@
 #include <string>
 #include <variant>
 
+#include "acquisition/fits/fits_card.h"
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/fits/fits_handle.h"
 
@@ -53,22 +54,30 @@ bool is_absent(int status) {
 
 }  // namespace
 
-std::optional<double> FitsFile::key_double(const std::string& name) {
+CardValue FitsFile::Handle::key_value(const std::string& name) {
+  std::array<char, FLEN_CARD> text{};
   int status = 0;
-  double value = 0.0;
-  fits_read_key(cfits(handle_->file), TDOUBLE, name.c_str(), &value, nullptr, &status);
-  if (is_absent(status)) return std::nullopt;
-  handle_->check(status, "read the key " + name + " as a number");
-  return value;
+  fits_read_card(cfits(file), name.c_str(), text.data(), &status);
+  if (is_absent(status)) return {};
+  check(status, "read the key " + name);
+  card = text.data();
+  return card_value(card);
+}
+
+std::optional<double> FitsFile::key_double(const std::string& name) {
+  const CardValue value = handle_->key_value(name);
+  if (value.kind == CardKind::kNone) return std::nullopt;
+  const auto number = real_of(value);
+  if (!number) handle_->fail("cannot be used: cannot read the key " + name + " as a number");
+  return number;
 }
 
 std::optional<std::int64_t> FitsFile::key_int(const std::string& name) {
-  int status = 0;
-  LONGLONG value = 0;
-  fits_read_key(cfits(handle_->file), TLONGLONG, name.c_str(), &value, nullptr, &status);
-  if (is_absent(status)) return std::nullopt;
-  handle_->check(status, "read the key " + name + " as an integer");
-  return value;
+  const CardValue value = handle_->key_value(name);
+  if (value.kind == CardKind::kNone) return std::nullopt;
+  const auto number = integer_of(value);
+  if (!number) handle_->fail("cannot be used: cannot read the key " + name + " as an integer");
+  return number;
 }
 
 std::optional<std::string> FitsFile::key_string(const std::string& name) {
@@ -79,7 +88,7 @@ std::optional<std::string> FitsFile::key_string(const std::string& name) {
   handle_->check(status, "read the key " + name + " as a string");
   std::string text = value == nullptr ? "" : value;
   fits_free_memory(value, &status);
-  return text;
+  return printable_ascii(text);
 }
 
 void FitsFile::write_key(const std::string& name, const KeyValue& value, const std::string& comment,

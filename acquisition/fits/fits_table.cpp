@@ -128,7 +128,9 @@ void FitsFile::read_column(const std::string& name, std::int64_t first_row, std:
   handle_->check(status, "read the column " + name);
   const auto rows = static_cast<LONGLONG>(into.size());
   if constexpr (std::is_same_v<T, std::string>) {
-    if (type != TSTRING) handle_->fail("has a column " + name + " that is not text");
+    constexpr LONGLONG kLongest = 1 << 20;
+    if (type != TSTRING || repeat > kLongest)
+      handle_->fail("has a column " + name + " that is not text, or too long");
     std::string text(static_cast<std::size_t>(repeat) + 1, '\0');
     for (LONGLONG row = 0; row < rows; ++row) {
       char* target = text.data();

@@ -4,7 +4,9 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
+#include <limits>
 #include <span>
 #include <utility>
 
@@ -226,7 +228,9 @@ Delivery FitsSource::next(FrameBuffer& into) {
   read_pixels(into);
   header.received = std::chrono::steady_clock::now();
   into.rows_ready.store(format_.rows, std::memory_order_release);
-  next_sequence_ = header.sequence + 1;
+  // A file may say anything; after the last number comes 0.
+  constexpr auto kLast = std::numeric_limits<std::int64_t>::max();
+  next_sequence_ = header.sequence == kLast ? 0 : header.sequence + 1;
   ++frame_in_file_;
   return Delivery::kFrame;
 }

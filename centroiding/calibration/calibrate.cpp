@@ -15,6 +15,7 @@
 #include "centroiding/calibration/sentence.h"
 #include "centroiding/calibration/spot_picture.h"
 #include "centroiding/calibration/window_gain.h"
+#include "centroiding/pixel_response.h"
 #include "centroiding/sampling_curve.h"
 #include "core/error.h"
 
@@ -30,28 +31,24 @@ void check_size(const Image<T>& map, const Image<float>& reference, const char* 
                     reference.cols(), "×", reference.rows(), ": give files of one camera setting"));
 }
 
-/// Adopts the flat with mean 1 over good pixels. Its dead pixels join the bad ones.
+/// Adopts the flat with mean 1 over good pixels. Pixels that hardly respond join the bad ones.
 void adopt_flat(Sensor& sensor, const CalibrationInput& input) {
   if (input.flat.empty()) return;
   sensor.flat = input.flat;
+  add_bad_pixels(sensor, find_unresponsive_pixels(input.flat));
   double sum = 0.0;
   std::size_t n = 0;
   for (std::size_t i = 0; i < sensor.flat.size(); ++i) {
-    const float response = sensor.flat[i];
-    if (!std::isfinite(response) || response <= 0.0F) {
-      if (sensor.bad_pixel.empty()) {
-        sensor.bad_pixel = Image<std::uint8_t>(sensor.frame_rows, sensor.frame_cols, 0);
-      }
-      sensor.bad_pixel[i] = 1;
-      sensor.flat[i] = 1.0F;
-    } else if (sensor.bad_pixel.empty() || sensor.bad_pixel[i] == 0) {
-      sum += static_cast<double>(response);
-      ++n;
-    }
+    if (sensor.bad_pixel[i] != 0) continue;
+    sum += static_cast<double>(sensor.flat[i]);
+    ++n;
   }
   if (n == 0) throw Failure("the flat has no pixel above 0: give a flat of an evenly lit detector");
-  const auto mean = static_cast<float>(sum / static_cast<double>(n));
-  for (float& response : sensor.flat) response /= mean;
+  const double mean = sum / static_cast<double>(n);
+  for (std::size_t i = 0; i < sensor.flat.size(); ++i)
+    sensor.flat[i] = sensor.bad_pixel[i] != 0
+                         ? 1.0F
+                         : static_cast<float>(static_cast<double>(sensor.flat[i]) / mean);
 }
 
 /// Returns the reference as the kernel sees it: with the dark subtracted, and divided by the flat.

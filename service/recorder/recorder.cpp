@@ -13,6 +13,7 @@
 #include <mutex>
 #include <utility>
 
+#include "core/error.h"
 #include "service/recorder/recorder_files.h"
 
 namespace curlew {
@@ -22,6 +23,16 @@ using std::chrono::steady_clock;
 
 constexpr std::int64_t kWaitTime_us = 100'000;
 constexpr std::size_t kMinItems = 4;
+
+// Refuses a memory_mb that the machine has not got, before any of it is taken.
+void check_memory(int memory_mb) {
+  const std::int64_t machine_mb = sysconf(_SC_PHYS_PAGES) * (sysconf(_SC_PAGESIZE) / 1024) / 1000;
+  if (memory_mb <= machine_mb / 2) return;
+  throw UsageError(fmt::format(
+      "recorder.memory_mb = {} asks for {} MB of memory, and this machine has {} MB: set at most "
+      "half of that",
+      memory_mb, memory_mb, machine_mb));
+}
 
 std::size_t item_count(const RecorderOptions& options, const FrameFormat& format) {
   const std::size_t bytes = static_cast<std::size_t>(options.memory_mb) * 1'000'000;
@@ -147,6 +158,7 @@ Recorder::Recorder(const RecorderOptions& options, const FrameFormat& format, co
                    const Detector& detector, std::function<void(const std::string&)> log)
     : trigger_on_vortex_(options.mode == RecordMode::kTrigger && options.trigger_on_vortex) {
   if (options.mode == RecordMode::kOff) return;
+  check_memory(options.memory_mb);
   queue_ = std::make_unique<SideQueue<Item>>(item_count(options, format),
                                              [&] { return std::make_unique<Item>(format); });
   // The recorder's thread and the compressor's thread both log.

@@ -65,7 +65,8 @@ class Recorder {
   /// Makes memory_mb of frame buffers (at least 4 frames) and begins its thread. With kOff it makes
   /// nothing, and add() does nothing. log: threads of the recorder call it with one sentence at a
   /// time, when a file is begun or complete, and when recording stops or goes on. Failure where the
-  /// folder cannot be written, or the frames are not in plain ADU.
+  /// folder cannot be written, or the frames are not in plain ADU. UsageError where memory_mb is
+  /// more than half of the machine's memory.
   Recorder(const RecorderOptions& options, const FrameFormat& format, const Optics& optics,
            const Detector& detector, std::function<void(const std::string&)> log);
 

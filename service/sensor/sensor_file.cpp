@@ -9,7 +9,9 @@
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/recording/recording_keys.h"
 #include "core/error.h"
+#include "core/memory_limit.h"
 #include "service/program/version.h"
+#include "service/sensor/sensor_check.h"
 
 namespace curlew {
 namespace {
@@ -149,6 +151,11 @@ void read_keys(FitsFile& file, Sensor& sensor) {
   const int cols = required_size(file, "COLS", kMaxLenslets);
   sensor.frame_cols = required_size(file, "NX", kMaxPixels);
   sensor.frame_rows = required_size(file, "NY", kMaxPixels);
+  // Frames and lenslets are worked on as a whole; this is the least that they take.
+  require_memory(file.path() + " has " + std::to_string(rows) + " x " + std::to_string(cols) +
+                     " lenslets on " + std::to_string(sensor.frame_cols) + " x " +
+                     std::to_string(sensor.frame_rows) + " pixels, which",
+                 200.0 * rows * cols + 26.0 * sensor.frame_cols * sensor.frame_rows);
   sensor.grid = {rows,
                  cols,
                  required(file, "ORIGINX"),
@@ -218,24 +225,6 @@ void read_pixel_maps(FitsFile& file, Sensor& sensor) {
   read_optional("BADPIX", sensor.bad_pixel);
 }
 
-/// Throws Failure where the numbers of a valid lenslet make no sense.
-void check_lenslet(const std::string& path, const Sensor& sensor, std::size_t k) {
-  const Window& w = sensor.window[k];
-  if (w.w < 1 || w.h < 1 || w.x0 < 0 || w.y0 < 0 || w.x0 > sensor.frame_cols - w.w ||
-      w.y0 > sensor.frame_rows - w.h)
-    throw Failure(path + ": the window of lenslet " + std::to_string(k) +
-                  " lies outside the detector, calibrate again");
-  const auto within = [](float reference, int start, int length) {
-    return reference >= static_cast<float>(start) - 1.0F &&
-           reference <= static_cast<float>(start + length);
-  };
-  const auto is_gain = [](float gain) { return gain >= 0.01F && gain <= 100.0F; };
-  if (!within(sensor.ref_x_px[k], w.x0, w.w) || !within(sensor.ref_y_px[k], w.y0, w.h) ||
-      !is_gain(sensor.gain_x[k]) || !is_gain(sensor.gain_y[k]))
-    throw Failure(path + ": lenslet " + std::to_string(k) +
-                  " is valid but its reference or gain makes no sense, calibrate again");
-}
-
 }  // namespace
 
 void write_sensor(const std::string& path, const Sensor& sensor) {
@@ -255,13 +244,12 @@ Sensor read_sensor(const std::string& path) {
   read_lenslet_maps(file, sensor);
   read_pixel_maps(file, sensor);
   for (std::size_t k = 0; k < sensor.valid.size(); ++k) {
-    if (sensor.valid[k] == 0) {
+    if (sensor.valid[k] == 0)
       drop_lenslet(sensor, k);
-      continue;
-    }
-    sensor.valid[k] = 1;
-    check_lenslet(path, sensor, k);
+    else
+      sensor.valid[k] = 1;
   }
+  check_sensor(path, sensor);
   return sensor;
 }
 

@@ -133,5 +133,31 @@ TEST(FrameNumbering, EveryNumberIsInOnePlace) {
   }
 }
 
+// Numbers at the ends of 64 bits begin anew instead of overflowing.
+TEST(FrameNumbering, NumbersThatNoCameraCountsBeginAnew) {
+  constexpr std::uint64_t kHuge = ~std::uint64_t{0};
+  FrameNumbering numbering(false);
+  EXPECT_EQ(numbering.numbered(kHuge).sequence, 0);
+  const auto leap = numbering.numbered(kHuge / 2 - 1);
+  EXPECT_TRUE(leap.renumbered);
+  EXPECT_EQ(leap.sequence, 1);
+  EXPECT_EQ(leap.lost, 0);
+
+  FrameNumbering near_end(false);
+  near_end.numbered((std::uint64_t{1} << 62) - 1);
+  EXPECT_FALSE(near_end.numbered(std::uint64_t{1} << 62).renumbered);
+  EXPECT_TRUE(near_end.numbered((std::uint64_t{1} << 62) + 5).renumbered);
+
+  FrameNumbering wraps(false);
+  std::int64_t last = -1;
+  for (const std::uint64_t id :
+       {kHuge, kHuge >> 1U, std::uint64_t{5}, kHuge - 3, kHuge, 0UL, 1UL}) {
+    const auto arrival = wraps.numbered(id);
+    EXPECT_GT(arrival.sequence, last);
+    EXPECT_GE(arrival.lost, 0);
+    last = arrival.sequence;
+  }
+}
+
 }  // namespace
 }  // namespace curlew

@@ -112,5 +112,26 @@ TEST(Config, ValuesOfTheWrongKindAreRefused) {
   EXPECT_THROW(read_config("/nonexistent/c.toml"), UsageError);
 }
 
+// The parser goes down the stack with every level; 30,000 of them were a crash.
+TEST(Config, NestingBeyondReasonIsRefused) {
+  std::string dotted = "a";
+  for (int i = 0; i < 30000; ++i) dotted += ".a";
+  EXPECT_NE(usage_error(dotted + " = 1\n").find("c.toml:1: the line has more than 40 dots"),
+            std::string::npos);
+  EXPECT_NE(usage_error("\n[" + dotted + "]\n").find("c.toml:2:"), std::string::npos);
+  // As deep as the lines allow: every level of a list holds a dotted key of its own.
+  std::string deep = "x = ";
+  for (int i = 0; i < 200; ++i) deep += "[\n{" + dotted.substr(0, 79) + " = ";
+  EXPECT_NE(usage_error(deep), "");
+  EXPECT_NE(usage_error("x = " + std::string(100000, '[')), "");
+}
+
+TEST(Config, SizesBeyondReasonAreRefused) {
+  EXPECT_NE(usage_error(std::string(1'000'001, '\n')).find("larger than 1 MB"), std::string::npos);
+  std::string features = "[camera.features]\n";
+  for (int i = 0; i < 1001; ++i) features.append("f").append(std::to_string(i)).append(" = 1\n");
+  EXPECT_NE(usage_error(features).find("at most 1000"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace curlew

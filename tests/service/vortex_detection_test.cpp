@@ -3,10 +3,13 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <limits>
 #include <set>
 
 #include "acquisition/simulator/simulator.h"
 #include "core/error.h"
+#include "service/bench/bench_frames.h"
 #include "service/bench/detection_dataset.h"
 #include "service/bench/detection_score.h"
 #include "service/pipeline.h"
@@ -174,6 +177,30 @@ TEST(VortexDetection, WhatTheClassifierWasNotTaughtIsRefused) {
             std::string::npos);
   config.detect.method = DetectMethod::kWhitened;
   EXPECT_EQ(refusal(blurred, simulator.format(), config), "");
+}
+
+// Slopes are finite wherever they come from; this is the last gate before what is published.
+TEST(VortexDetection, WhatIsNotFiniteIsLeftOut) {
+  for (const DetectMethod method : {DetectMethod::kCirculation, DetectMethod::kWhitened}) {
+    const BenchCase size{10, 10, 8};
+    Config config;
+    config.detect.method = method;
+    const VortexDetectionPlan plan(tiled_sensor(size), bench_format(size, PixelType::kU16), config);
+    VortexDetectionWorkspace workspace(plan);
+    SlopeField slopes(10, 10);
+    for (std::size_t k = 0; k < slopes.valid.size(); ++k) {
+      slopes.valid[k] = 1;
+      slopes.variance_x[k] = slopes.variance_y[k] = 0.01F;
+    }
+    slopes.n_valid = 100;
+    slopes.x(4, 4) = std::numeric_limits<float>::infinity();
+    const Centroids centroids(10, 10);
+    CirculationMap circulation(10, 10);
+    VortexList candidates(plan.candidate_capacity());
+    detect_candidates(plan, {}, centroids, slopes, workspace, circulation, candidates);
+    for (const Vortex& v : candidates)
+      EXPECT_TRUE(std::isfinite(v.x + v.y + v.circulation + v.significance + v.probability));
+  }
 }
 
 }  // namespace

@@ -254,6 +254,21 @@ TEST(FitsSource, AShortOrMissingFrameTableStillReplays) {
   EXPECT_EQ(source.next(buffer), Delivery::kEnd);  // It must stay at the end.
 }
 
+TEST(FitsSource, SequencesEndWithoutOverflow) {
+  const ScratchDirectory scratch;
+  constexpr auto kLast = std::numeric_limits<std::int64_t>::max();
+  FitsFile file = FitsFile::create(scratch / "end.fits");
+  file.create_image(ElementType::kU8, {3, 2, 2});
+  write_frame_table(file, {kLast});
+  file.commit();
+  FitsSource source({scratch / "end.fits"});
+  FrameBuffer buffer(source.format());
+  for (const std::int64_t sequence : {kLast, std::int64_t{0}, std::int64_t{1}}) {
+    ASSERT_EQ(source.next(buffer), Delivery::kFrame);
+    EXPECT_EQ(buffer.header.sequence, sequence);
+  }
+}
+
 TEST(FitsSource, AFrameTableThatWasCutOffStillReplays) {
   const ScratchDirectory scratch;
   const std::string path = scratch / "cut.fits";

@@ -49,6 +49,33 @@ TEST(GridFit, CutAndSmearedSpotsDoNotTiltIt) {
   EXPECT_NEAR(anisotropy_of(fitted), 0.0, kRounding);
 }
 
+/// Returns how far the fit to 25 spots moves in y when the one in the middle is off by `off_px`
+/// there. It takes part with a 25th if it is kept, and not at all if it is left out.
+double move_of_fit(const IndexedSpots& spots, double off_px) {
+  IndexedSpots moved = spots;
+  moved[{0, 0}].y += off_px;
+  LensletGrid fitted;
+  EXPECT_TRUE(fit_grid(fitted, moved));
+  return fitted.origin_y_px - turned_grid().origin_y_px;
+}
+
+TEST(GridFit, AmongExactSpotsThoseOffByATwentiethOfThePitchAreLeftOut) {
+  const IndexedSpots spots = spots_on(turned_grid());
+  const double pitch_px = turned_grid().pitch_px();  // 13
+  EXPECT_NEAR(move_of_fit(spots, 0.045 * pitch_px), 0.045 * pitch_px / 25.0, 1e-11);
+  EXPECT_NEAR(move_of_fit(spots, 0.06 * pitch_px), 0.0, 1e-11);
+}
+
+TEST(GridFit, AmongScatteredSpotsThoseOffByThriceTheMedianAreLeftOut) {
+  IndexedSpots spots = spots_on(turned_grid());
+  // Twelve spots are 1 px to the right and twelve to the left, so that the fit does not move.
+  for (auto& [at, spot] : spots) {
+    if (at != LensletIndex{0, 0}) spot.x += (at.first + at.second) % 2 == 0 ? 1.0 : -1.0;
+  }
+  EXPECT_NEAR(move_of_fit(spots, 2.8), 2.8 / 25.0, 1e-11);
+  EXPECT_NEAR(move_of_fit(spots, 3.3), 0.0, 1e-11);
+}
+
 TEST(GridFit, RefusesSpotsOnOneLineAndSpotsThatAreAllCut) {
   const IndexedSpots all = spots_on(turned_grid());
   IndexedSpots line;

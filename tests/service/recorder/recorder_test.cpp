@@ -24,6 +24,7 @@
 #include <vector>
 
 #include "acquisition/recording/fits_source.h"
+#include "core/error.h"
 #include "tests/support/allocation_counter.h"
 #include "tests/support/failure_text.h"
 #include "tests/support/found_recordings.h"
@@ -152,6 +153,16 @@ RecorderOptions options_for(const ScratchDirectory& scratch, RecordMode mode) {
   options.memory_mb = 20;  // 2000 small frames
   options.min_free_mb = 1;
   return options;
+}
+
+TEST(Recorder, MemoryThatTheMachineHasNotIsRefusedBeforeItIsTaken) {
+  const ScratchDirectory scratch;
+  RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
+  options.memory_mb = 1'000'000'000;
+  EXPECT_THROW(Recorder(options, kSmall, Optics{}, Detector{}, [](const std::string&) {}),
+               UsageError);
+  options.mode = RecordMode::kOff;
+  EXPECT_NO_THROW(Recorder(options, kSmall, Optics{}, Detector{}, [](const std::string&) {}));
 }
 
 TEST(Recorder, RecordsEveryFrameAndNamesTheFileByItsFirst) {

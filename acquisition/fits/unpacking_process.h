@@ -1,0 +1,60 @@
+// Tiles that others compressed are unpacked in another process. cfitsio's decoders write where a
+// damaged tile tells them to, or never end.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "acquisition/fits/file_descriptor.h"
+
+namespace curlew {
+
+/// Reads compressed pixels of one file in a process of its own. That process is this same program,
+/// run anew with an argument that serve_unpacking_if_asked() knows. It has the file, a socket to
+/// this process, and little else: a limit on memory, one on its time for each request, no way to
+/// open or to write a file. When it fails, it is ended, and so is reading that file.
+class UnpackingProcess {
+ public:
+  /// file: a FITS file, open for reading. Throws Failure if no process can be started.
+  explicit UnpackingProcess(int file);
+  ~UnpackingProcess();
+  UnpackingProcess(const UnpackingProcess&) = delete;
+  UnpackingProcess& operator=(const UnpackingProcess&) = delete;
+
+  struct Request {
+    std::int32_t hdu = 0;       ///< 0 is the primary
+    std::int32_t datatype = 0;  ///< cfitsio's, of the elements
+    std::int64_t first = 0;     ///< element, in file order
+    std::int64_t bytes = 0;     ///< of all elements
+    std::int64_t elements = 0;
+    bool undefined_is_nan = false;  ///< only for floating types
+
+    /// Returns how much processor time it may take; the slowest decoder makes 10 million a second.
+    int seconds() const { return static_cast<int>(2 + elements / 8'000'000); }
+  };
+  enum class Outcome {
+    kRead,     ///< all elements are there
+    kDamaged,  ///< cfitsio refused them, or the process crashed over them
+    kTooLong,  ///< they took longer than request.seconds() of processor time
+    kTooLarge  ///< they did not fit the memory
+  };
+
+  /// Fills `into`, of request.bytes bytes. What is in it after another outcome than kRead is
+  /// undefined, and the object must not be used again.
+  Outcome read(const Request& request, std::span<std::byte> into);
+
+ private:
+  Outcome outcome_of_death();
+
+  FileDescriptor socket_;
+  pid_t process_ = -1;
+};
+
+/// Serves a UnpackingProcess and never returns, if the program was started for that. Every program
+/// that opens FITS files calls it first.
+void serve_unpacking_if_asked(int argc, char** argv);
+
+}  // namespace curlew

@@ -1,0 +1,168 @@
+// What others packed is unpacked where it harms nobody: tiles in another process, gzip within a
+// limit.
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
+#include <zlib.h>
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "acquisition/fits/fits_file.h"
+#include "tests/support/failure_text.h"
+#include "tests/support/raw_fits.h"
+#include "tests/support/scratch_directory.h"
+
+namespace curlew {
+namespace {
+
+constexpr std::int64_t kFrames = 3;
+constexpr std::int64_t kSide = 24;
+constexpr std::int64_t kPixels = kFrames * kSide * kSide;
+
+std::vector<std::uint16_t> noise() {
+  std::mt19937 random(1);
+  std::vector<std::uint16_t> pixels(kPixels);
+  for (auto& pixel : pixels) pixel = static_cast<std::uint16_t>(1000 + random() % 64);
+  return pixels;
+}
+
+/// Writes a tile-compressed image and returns its bytes.
+std::string compressed_image(const std::string& path) {
+  FitsFile out = FitsFile::create(path);
+  out.create_compressed_image(ElementType::kU16, {kFrames, kSide, kSide});
+  out.write_pixels<std::uint16_t>(0, noise());
+  out.commit();
+  return read_bytes(path);
+}
+
+template <typename T>
+std::vector<T> read_all(const std::string& path, int hdu) {
+  FitsFile file = FitsFile::open(path);
+  file.select(hdu);
+  std::vector<T> pixels(static_cast<std::size_t>(file.image().elements()));
+  file.read_pixels(0, std::span(pixels));
+  return pixels;
+}
+
+void pack(const std::string& bytes, const std::string& path) {
+  gzFile out = gzopen(path.c_str(), "wb9");
+  gzwrite(out, bytes.data(), static_cast<unsigned>(bytes.size()));
+  gzclose(out);
+}
+
+TEST(Unpacking, PixelsComeBackAsTheyWere) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "rice.fits";
+  const std::string bytes = compressed_image(path);
+  EXPECT_EQ(read_all<std::uint16_t>(path, 1), noise());
+  const std::vector<double> as_double = read_all<double>(path, 1);
+  EXPECT_TRUE(std::equal(as_double.begin(), as_double.end(), noise().begin()));
+  pack(bytes, scratch / "rice.fits.gz");
+  EXPECT_EQ(read_all<std::uint16_t>(scratch / "rice.fits.gz", 1), noise());
+}
+
+TEST(Unpacking, AnyPartCanBeRead) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "rice.fits";
+  compressed_image(path);
+  FitsFile file = FitsFile::open(path);
+  file.select(1);
+  const std::vector<std::uint16_t> all = noise();
+  for (const std::int64_t first : {0L, 5L, 600L, kPixels - 7}) {
+    std::vector<std::uint16_t> part(7);
+    file.read_pixels(first, std::span(part));
+    EXPECT_TRUE(std::equal(part.begin(), part.end(), all.begin() + first)) << first;
+  }
+}
+
+TEST(Unpacking, AnotherProcessTakesThePlaceOfOneThatFailed) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "rice.fits";
+  std::string bytes = compressed_image(path);
+  // The rows of the table say how long the tiles are, and where.
+  const std::size_t rows = bytes.rfind("END     ") / 2880 * 2880 + 2880;
+  bytes.replace(rows + 8 * 2, 4, std::string("\x7f\xff\xff\xff", 4));
+  write_bytes(path, bytes);
+  FitsFile file = FitsFile::open(path);
+  file.select(1);
+  const std::vector<std::uint16_t> all = noise();
+  std::vector<std::uint16_t> part(7);
+  for (int time = 0; time < 2; ++time) {
+    EXPECT_NE(failure_text([&] { file.read_pixels(kPixels - 7, std::span(part)); }), "");
+    file.read_pixels(0, std::span(part));
+    EXPECT_TRUE(std::equal(part.begin(), part.end(), all.begin()));
+  }
+}
+
+// Whatever the tiles hold, there are pixels or one sentence. In this process some of these bytes
+// were a crash or an endless loop.
+TEST(Unpacking, DamagedTilesAreOneSentence) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "damaged.fits";
+  const std::string whole = compressed_image(path);
+  const std::size_t heap = whole.rfind("END     ") / 2880 * 2880 + 2880 + 8 * kFrames;
+  std::mt19937 random(2);
+  int failed = 0;
+  for (const std::string method :
+       {"'RICE_1'", "'GZIP_1'", "'GZIP_2'", "'PLIO_1'", "'HCOMPRESS_1'"}) {
+    for (int trial = 0; trial < 6; ++trial) {
+      std::string bytes = whole;
+      std::string card = raw_card("ZCMPTYPE", method);
+      card.resize(80, ' ');
+      bytes.replace(bytes.find("ZCMPTYPE="), 80, card);
+      for (std::size_t i = heap; i < heap + 200; ++i) bytes[i] = static_cast<char>(random());
+      if (method == "'HCOMPRESS_1'") bytes.replace(heap, 2, "\xdd\x99");
+      if (method.starts_with("'GZIP")) bytes.replace(heap, 4, std::string("\x1f\x8b\x08\x00", 4));
+      write_bytes(path, bytes);
+      const std::string text = failure_text([&] { read_all<std::uint16_t>(path, 1); });
+      if (text.empty()) continue;
+      ++failed;
+      EXPECT_NE(text.find(path), std::string::npos) << text;
+      EXPECT_EQ(text.find('\n'), std::string::npos) << text;
+    }
+  }
+  EXPECT_GT(failed, 10);
+}
+
+TEST(Unpacking, GzipIsReadLikeThePlainFile) {
+  const ScratchDirectory scratch;
+  const std::string plain = raw_image_header(8, {"4", "3"}) + std::string(2880, '\7');
+  pack(plain, scratch / "a.fits.gz");
+  EXPECT_EQ(read_all<std::uint8_t>(scratch / "a.fits.gz", 0), std::vector<std::uint8_t>(12, 7));
+  const std::string packed = read_bytes(scratch / "a.fits.gz");
+  write_bytes(scratch / "cut.fits.gz", packed.substr(0, packed.size() / 2));
+  EXPECT_NE(failure_text([&] { FitsFile::open(scratch / "cut.fits.gz"); }).find("damaged"),
+            std::string::npos);
+}
+
+TEST(Unpacking, AGzipBombMeetsALimit) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "bomb.fits.gz";
+  gzFile out = gzopen(path.c_str(), "wb1");
+  const std::string head = raw_image_header(8, {"1000", "1000", "400"});
+  gzwrite(out, head.data(), static_cast<unsigned>(head.size()));
+  const std::string zeros(1'000'000, '\0');
+  for (int i = 0; i < 300; ++i) gzwrite(out, zeros.data(), static_cast<unsigned>(zeros.size()));
+  gzclose(out);
+  EXPECT_LT(std::filesystem::file_size(path), 2'000'000U);
+  const std::string text = failure_text([&] { FitsFile::open(path); });
+  EXPECT_NE(text.find("unpacks to more than 256 MB"), std::string::npos) << text;
+}
+
+TEST(Unpacking, FilesOfCompressAreRefusedWithARemedy) {
+  const ScratchDirectory scratch;
+  write_bytes(scratch / "a.fits.Z", "\x1f\x9d\x90nonsense");
+  EXPECT_NE(failure_text([&] { FitsFile::open(scratch / "a.fits.Z"); }).find("uncompress"),
+            std::string::npos);
+}
+
+}  // namespace
+}  // namespace curlew

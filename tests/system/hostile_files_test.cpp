@@ -1,0 +1,224 @@
+// Files that are meant to hurt, given to every command that reads files: no crash, no hang, no
+// memory beyond the limit, one sentence, a non-zero exit.
+#include <gtest/gtest.h>
+#include <zlib.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "acquisition/fits/fits_file.h"
+#include "tests/support/process.h"
+#include "tests/support/program.h"
+#include "tests/support/raw_fits.h"
+
+namespace curlew {
+namespace {
+
+using std::chrono::seconds;
+
+constexpr const char* kOptics = " --pitch-um 300 --focal-mm 10 --pixel-um 10 --wavelength-nm 633 ";
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr const char* kLimits = "timeout 60";
+#else
+// Far above the 0.3 GB that the libraries map, and below what a bomb takes.
+constexpr const char* kLimits = "ulimit -v 1500000; timeout 60";
+#endif
+
+std::string padded(std::string card) {
+  card.resize(80, ' ');
+  return card;
+}
+
+/// Replaces the first card of this key, or else the first blank one, or else puts a block before
+/// END.
+void set_card(std::string& file, const std::string& key, const std::string& value) {
+  std::string name = key;
+  name.resize(8, ' ');
+  std::size_t at = file.find(name + "=");
+  if (at == std::string::npos) {
+    at = file.find(padded("END"));
+    file.insert(at + 80, std::string(2880 - 80, ' ') + padded("END"));
+    file.replace(at, 80, padded(""));
+  }
+  file.replace(at, 80, padded(raw_card(key, value)));
+}
+
+class HostileFiles : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = std::make_unique<ScratchDirectory>();
+    const std::string small = "--rows 6 --cols 6 --photons 2000 --frames 5 --out ";
+    ASSERT_EQ(run_curlew(*folder_, "simulate " + small + "ref.fits").exit_code, 0);
+    const ProgramRun run = run_curlew(*folder_, "calibrate ref.fits --out sensor.fits");
+    ASSERT_EQ(run.exit_code, 0) << run.err;
+  }
+  static void TearDownTestSuite() { folder_.reset(); }
+
+  /// Runs one command on the file. Returns its exit code; expects one sentence if it is not 0.
+  static int run(const std::string& arguments, const std::string& file) {
+    const ProgramRun run = run_curlew(*folder_, arguments, kLimits);
+    const std::string what = arguments + "\nstderr: " + run.err;
+    EXPECT_LE(run.exit_code, 2) << what;
+    if (run.exit_code == 0) return 0;
+    EXPECT_EQ(std::count(run.err.begin(), run.err.end(), '\n'), 1) << what;
+    EXPECT_EQ(run.err.rfind("curlew: ", 0), 0U) << what;
+    EXPECT_NE(run.err.find(file), std::string::npos) << what;
+    EXPECT_EQ(run.err.find('\x1b'), std::string::npos) << what;
+    return run.exit_code;
+  }
+  static void expect_all_refuse(const std::string& file) {
+    const std::vector<std::string> commands{
+        "replay " + file + " --sensor sensor.fits --out new.fits",
+        "replay ref.fits --sensor " + file + " --out new.fits",
+        "calibrate " + file + kOptics + "--out new.fits",
+        "calibrate ref.fits --dark " + file + " --out new.fits",
+        "calibrate ref.fits --flat " + file + " --out new.fits",
+        "calibrate ref.fits --bad-pixels " + file + " --out new.fits",
+        "simulate --preset field --field " + file + " --out new.fits",
+        "run --camera file:" + file + " --sensor sensor.fits --frames 1",
+        "run --camera file:ref.fits --sensor " + file + " --frames 1"};
+    for (const std::string& command : commands) {
+      EXPECT_NE(run(command, file), 0) << command;
+      EXPECT_FALSE(std::filesystem::exists(*folder_ / "new.fits")) << command;
+    }
+  }
+  static std::string path(const std::string& name) { return *folder_ / name; }
+
+  static std::unique_ptr<ScratchDirectory> folder_;
+};
+std::unique_ptr<ScratchDirectory> HostileFiles::folder_;
+
+TEST_F(HostileFiles, HeadersThatOverrunCfitsio) {
+  const std::string many = raw_image_header(16, std::vector<std::string>(120, "1"));
+  write_bytes(path("axes.fits"), many + std::string(2880, '\0'));
+  expect_all_refuse("axes.fits");
+
+  std::string extension = many;
+  extension.replace(0, 80, padded(raw_card("XTENSION", "'IMAGE   '")));
+  write_bytes(path("second.fits"), read_bytes(path("ref.fits")) + extension);
+  expect_all_refuse("second.fits");
+
+  for (const std::string name : {"ref.fits", "sensor.fits"}) {
+    std::string bytes = read_bytes(path(name));
+    set_card(bytes, "OFFSETX", "'\x1b[31maaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa'");
+    write_bytes(path("text.fits"), bytes);
+    expect_all_refuse("text.fits");
+  }
+}
+
+TEST_F(HostileFiles, KeysOfTileCompression) {
+  FitsFile out = FitsFile::create(path("whole.fits"));
+  out.create_compressed_image(ElementType::kU16, {2, 48, 48});
+  out.commit();
+  const std::vector<std::pair<std::string, std::string>> cards{
+      {"ZTILE1", "0"}, {"ZVAL1", "0"}, {"ZNAXIS1", "-1"}, {"ZBITPIX", "0"}, {"ZNAXIS", "99"}};
+  for (const auto& [key, value] : cards) {
+    std::string bytes = read_bytes(path("whole.fits"));
+    set_card(bytes, key, value);
+    write_bytes(path("tiles.fits"), bytes);
+    EXPECT_NE(run("replay tiles.fits --sensor sensor.fits", "tiles.fits"), 0) << key;
+    EXPECT_NE(run("calibrate ref.fits --dark tiles.fits --out new.fits", "tiles.fits"), 0) << key;
+  }
+}
+
+TEST_F(HostileFiles, AGzipBomb) {
+  gzFile out = gzopen(path("bomb.fits.gz").c_str(), "wb1");
+  const std::string head = raw_image_header(8, {"48", "48", "1000000"});
+  gzwrite(out, head.data(), static_cast<unsigned>(head.size()));
+  const std::string zeros(10'000'000, '\0');
+  for (int i = 0; i < 40; ++i) gzwrite(out, zeros.data(), static_cast<unsigned>(zeros.size()));
+  gzclose(out);
+  EXPECT_NE(run("replay bomb.fits.gz --sensor sensor.fits", "bomb.fits.gz"), 0);
+  EXPECT_NE(run("replay ref.fits --sensor bomb.fits.gz", "bomb.fits.gz"), 0);
+}
+
+TEST_F(HostileFiles, Configurations) {
+  std::string dotted = "a";
+  for (int i = 0; i < 30000; ++i) dotted += ".a";
+  write_bytes(path("dotted.toml"), dotted + " = 1\n");
+  std::string features = "[camera.features]\n";
+  for (int i = 0; i < 700'000; ++i) features.append("f").append(std::to_string(i)).append(" = 1\n");
+  write_bytes(path("features.toml"), features);
+  for (const std::string file : {"dotted.toml", "features.toml"}) {
+    EXPECT_EQ(run("replay ref.fits --sensor sensor.fits --config " + file, file), 2);
+    EXPECT_EQ(run("calibrate ref.fits --out new.fits --config " + file, file), 2);
+    EXPECT_EQ(run("run --config " + file, file), 2);
+  }
+}
+
+TEST_F(HostileFiles, MemoryIsToldBeforeItIsTaken) {
+  EXPECT_EQ(run("simulate --rows 2000 --cols 2000 --out new.fits", "MB of memory"), 1);
+  EXPECT_EQ(run("bench split --rows 2000 --cols 2000", "MB of memory"), 1);
+  write_bytes(path("recorder.toml"),
+              "[recorder]\nmode = \"continuous\"\nmemory_mb = 1000000\n[camera]\nsource = "
+              "\"file:ref.fits\"\n[daemon]\nsensor = \"sensor.fits\"\n");
+  const ProgramRun run = run_curlew(*folder_, "run --config recorder.toml", kLimits);
+  EXPECT_EQ(run.exit_code, 2) << run.err;
+  EXPECT_NE(run.err.find("recorder.memory_mb = 1000000"), std::string::npos) << run.err;
+}
+
+TEST_F(HostileFiles, TheDaemonSurvivesThemWhenItReloads) {
+  const std::string config = path("daemon.toml");
+  const std::string sensor = path("live.fits");
+  write_bytes(config, "[camera]\nsource = \"sim:plane\"\nframe_rate_hz = 50\n");
+  Process daemon({CURLEW_PROGRAM, "run", "--config", config}, path("daemon.out"),
+                 path("daemon.err"));
+  ASSERT_TRUE(daemon.says("state=streaming", seconds(60))) << daemon.err();
+
+  std::string text = read_bytes(path("sensor.fits"));
+  set_card(text, "OFFSETX", "'aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa'");
+  const std::vector<std::pair<std::string, std::string>> files{
+      {raw_image_header(16, std::vector<std::string>(120, "1")), "NAXIS is 120"},
+      {text, "the key OFFSETX as an integer"}};
+  write_bytes(config, read_bytes(config) + "[daemon]\nsensor = \"" + sensor + "\"\n");
+  for (const auto& [bytes, sentence] : files) {
+    write_bytes(sensor, bytes);
+    daemon.signal(SIGHUP);
+    EXPECT_TRUE(daemon.says(sentence, seconds(60))) << daemon.err();
+  }
+  EXPECT_TRUE(daemon.says("the old plan stays", seconds(10)));
+  EXPECT_TRUE(daemon.running());
+  daemon.signal(SIGTERM);
+  EXPECT_EQ(daemon.wait(seconds(60)), 0) << daemon.err();
+}
+
+/// The files that once hurt, where they are at hand.
+TEST_F(HostileFiles, ThoseThatOnceHurt) {
+  const std::filesystem::path given = CURLEW_SOURCE_DIR "/../shared/hostile";
+  if (!std::filesystem::is_directory(given)) GTEST_SKIP() << given << " is not there";
+  const ScratchDirectory own;
+  for (const auto& entry : std::filesystem::directory_iterator(given))
+    std::filesystem::copy_file(entry, own / entry.path().filename().string());
+  const auto expect = [&](const std::string& arguments, const std::string& file) {
+    const ProgramRun run = run_curlew(own, arguments, kLimits);
+    EXPECT_TRUE(run.exit_code == 1 || run.exit_code == 2) << arguments << "\n" << run.err;
+    EXPECT_EQ(std::count(run.err.begin(), run.err.end(), '\n'), 1) << run.err;
+    EXPECT_NE(run.err.find(file), std::string::npos) << arguments << "\n" << run.err;
+  };
+  for (const std::string& name : own.names()) {
+    if (name.ends_with(".md") || name == "sensor.fits" || name == "beam.fits" || name == "ref.fits")
+      continue;
+    if (name.ends_with(".toml")) {
+      expect("replay beam.fits --sensor sensor.fits --config " + name, name);
+    } else if (name == "sensor_flat_1e-30.fits") {
+      const ProgramRun run =
+          run_curlew(own, "replay beam.fits --jsonl o.jsonl --sensor " + name, kLimits);
+      EXPECT_EQ(run.exit_code, 0) << run.err;
+      EXPECT_EQ(read_bytes(own / "o.jsonl").find("\"x\":null"), std::string::npos);
+    } else if (name.starts_with("sensor")) {
+      expect("replay beam.fits --out new.fits --sensor " + name, name);
+    } else {
+      expect("replay " + name + " --sensor sensor.fits --out new.fits", name);
+      expect("replay beam.fits --out new.fits --sensor " + name, name);
+      expect("calibrate " + name + kOptics + "--out new.fits", name);
+      expect("calibrate ref.fits --out new.fits --dark " + name, name);
+    }
+  }
+  EXPECT_FALSE(std::filesystem::exists(own / "new.fits"));
+}
+
+}  // namespace
+}  // namespace curlew
