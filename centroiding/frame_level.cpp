@@ -123,17 +123,17 @@ float level_at_corner(const Image<float>& level, int r, int c) noexcept {
 
 /// Collects how far the blocks' pixels lie from the level, of some where there are many.
 std::size_t collect_residuals(const LevelPlan& plan, FrameLevels& levels) noexcept {
-  const int n = plan.block_pixels();
-  const std::size_t inner = as_size(plan.rows() - 1) * as_size(plan.cols() - 1) * as_size(n);
+  const std::size_t n = as_size(plan.block_pixels());
+  const std::size_t inner = as_size(plan.rows() - 1) * as_size(plan.cols() - 1) * n;
   const std::size_t stride = inner / kMaxResiduals + 1;
-  std::size_t seen = 0;
   std::size_t kept = 0;
+  std::size_t next = 0;  // the next one, counted from the block at hand
   for (int r = 1; r < plan.rows(); ++r) {
     for (int c = 1; c < plan.cols(); ++c) {
-      const float level = level_at_corner(levels.level, r, c);
-      const float* value = levels.values.data() + as_size(r * (plan.cols() + 1) + c) * as_size(n);
-      for (int i = 0; i < n; ++i)
-        if (seen++ % stride == 0) levels.residuals[kept++] = std::abs(value[i] - level);
+      const float* value = levels.values.data() + as_size(r * (plan.cols() + 1) + c) * n;
+      for (; next < n; next += stride)
+        levels.residuals[kept++] = std::abs(value[next] - level_at_corner(levels.level, r, c));
+      next -= n;
     }
   }
   return kept;

@@ -79,6 +79,7 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
       ref_y_px_(sensor.ref_y_px),
       flux_adu_(sensor.flux_adu),
       windows_(plan.spots),
+      strips_(plan.strips),
       blocks_(level_plan.pixels()),
       moved_x_px_(plan.spots.rows(), plan.spots.cols()),
       moved_y_px_(plan.spots.rows(), plan.spots.cols()),
@@ -161,6 +162,7 @@ void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& le
                      static_cast<int>(std::lround(model_y_px_[k])));
     }
   }
+  strips_.place(windows_, plan.frame_cols);
 }
 
 /// Centres the windows of spots that lie off their middle, for this frame only. Returns whether
@@ -389,7 +391,7 @@ FollowState WindowFollower::measure(const CentroidPlan& plan, const LevelPlan& l
   check_size("WindowFollower", "lenslets", size_of(windows_), size_of(plan.spots));
   Fit found;
   const auto measure_here = [&] {
-    find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_});
+    find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_, nullptr, &strips_});
     fit(centroids, found);
     find_spots(centroids, found);
   };

@@ -98,6 +98,7 @@ class WindowFollower {
   // The state.
   LowOrders model_;                    ///< where the windows are
   Image<CentroidPlan::Spot> windows_;  ///< the plan's, moved there
+  WindowStrips strips_;                ///< of windows_, but for those that off_centre_ has moved
   std::vector<LevelPixel> blocks_;     ///< where the level is measured
   Image<float> moved_x_px_;            ///< by whole pixels
   Image<float> moved_y_px_;
