@@ -88,6 +88,7 @@ void look_over(D d, FrameView frame, RoughTest test, FixedList<SharpPixel>& cand
   for (std::ptrdiff_t first = cols; first < end; first += lanes) {
     const std::ptrdiff_t at = std::min(first, end - lanes);  // The last vector is shifted back.
     const Pixel* p = frame.data<Pixel>() + at;
+    const V here = load(d, p);
     const V left = load(d, p - 1), right = load(d, p + 1), above = load(d, p - cols),
             below = load(d, p + cols);
     const V second = hn::Max(hn::Min(hn::Max(left, right), hn::Max(above, below)),
@@ -95,8 +96,7 @@ void look_over(D d, FrameView frame, RoughTest test, FixedList<SharpPixel>& cand
     V steep = hn::MulHigh(second, steepness);
     for (int i = 0; i < test.whole_steepness; ++i) steep = hn::SaturatedAdd(steep, second);
     const V least = hn::SaturatedAdd(hn::SaturatedSub(steep, dark), margin);
-    const V excess = hn::SaturatedSub(hn::SaturatedSub(load(d, p), second), least);
-    const auto passed = hn::Ne(excess, hn::Zero(d));
+    const auto passed = hn::Gt(here, hn::SaturatedAdd(second, least));
     if (hn::AllFalse(d, passed)) continue;
     // The lanes are taken from bits here: a call of a function that is not compiled for this
     // instruction set costs a hundred times as much as the test.
