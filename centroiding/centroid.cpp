@@ -71,21 +71,16 @@ class Kernel {
  private:
   /// Returns whether the maps are such that strips can be measured.
   bool strips_fit() const {
-    return plan_.gain.empty() || !plan_.short_codes.empty() || !plan_.long_codes.empty();
+    return plan_.gain.empty() || !plan_.words.empty() || !plan_.codes.empty();
   }
 
+  /// Measures a strip, after which `next` is measured.
   void measure_strip(const WindowStrip& strip, const WindowStrip& next,
                      const WindowStrips::Lists& lists) {
-    const std::ptrdiff_t ahead =
-        (next.y0 - strip.y0) * std::ptrdiff_t{plan_.frame_cols} + next.x0 - strip.x0;
-    float brightest = 0.0F;
-    if (!plan_.short_codes.empty()) {
-      brightest = sum_strip(strip, ahead, plan_.short_codes, plan_.short_codes.offset_base);
-    } else if (!plan_.long_codes.empty()) {
-      brightest = sum_strip(strip, ahead, plan_.long_codes, plan_.long_codes.offset_base);
-    } else {
-      brightest = sum_strip(strip, ahead, NoMaps{}, plan_.uniform_offset);
-    }
+    ahead_ = (next.y0 - strip.y0) * std::ptrdiff_t{plan_.frame_cols} + next.x0 - strip.x0;
+    positions_.place(strip.rows);
+    const float brightest = sum_strip(strip);
+    if (brightest < 0.0F) return measure_each(strip.first, strip.first + strip.n);
     const WindowSpot* spots = &windows_[static_cast<std::size_t>(strip.first)];
     const std::uint32_t saturated = fold_strip(plan_, lists, strip, spots, sums_, brightest, out_);
     // What is rare is measured by windows.
@@ -97,14 +92,46 @@ class Kernel {
     }
   }
 
+  /// Sums a strip's columns by the fastest of the ways that suit it. Returns its brightest pixel,
+  /// or −1 if there is no such way.
+  float sum_strip(const WindowStrip& strip) {
+    if (plan_.gain.empty()) return sum_with(NoMaps{}, plan_.uniform_offset, strip);
+    float brightest = -1.0F;
+    if (!plan_.words.empty()) brightest = sum_with_words(strip);
+    if (brightest < 0.0F && !plan_.codes.empty())
+      brightest = sum_with(plan_.codes, plan_.codes.offset_base, strip);
+    return brightest;
+  }
+
   template <class Maps>
-  float sum_strip(const WindowStrip& strip, std::ptrdiff_t ahead, const Maps& maps,
-                  float base_offset) {
-    const WindowSpot* spots = &windows_[static_cast<std::size_t>(strip.first)];
-    positions_.place(strip.rows);
-    set_thresholds(plan_, strip, spots, model_, base_offset, thresholds_);
+  float sum_with(const Maps& maps, float offset, const WindowStrip& strip) {
+    constexpr float kBeyondReach = 1e30F;
+    float values[kMaxStripLenslets];
+    for (int i = 0; i < strip.n; ++i)
+      values[i] = offset + model_.raised(plan_, static_cast<std::size_t>(strip.first + i));
+    set_thresholds(strip, &windows_[static_cast<std::size_t>(strip.first)], values, kBeyondReach,
+                   thresholds_);
     return sum_columns(maps, pixels_, plan_.frame_cols, strip, thresholds_, positions_,
-                       model_.signal, ahead, sums_);
+                       model_.signal, ahead_, sums_);
+  }
+
+  /// Returns −1 if a number does not fit into 16 bits.
+  float sum_with_words(const WindowStrip& strip) {
+    constexpr std::uint16_t kBeyondReach = 0xFFFF;
+    const PixelWords& words = plan_.words;
+    const float per_unit = 1.0F / words.unit;
+    std::uint16_t values[kMaxStripLenslets];
+    for (int i = 0; i < strip.n; ++i) {
+      const float raised = model_.raised(plan_, static_cast<std::size_t>(strip.first + i));
+      const float units = (words.offset_base + raised) * per_unit + 0.5F;
+      if (!(units >= 0.0F && units < 65000.0F)) return -1.0F;
+      values[i] = static_cast<std::uint16_t>(units);
+    }
+    set_thresholds(strip, &windows_[static_cast<std::size_t>(strip.first)], values, kBeyondReach,
+                   whole_thresholds_);
+    const float brightest = sum_columns(words, pixels_, plan_.frame_cols, strip, whole_thresholds_,
+                                        positions_, model_.signal, ahead_, signals_, sums_);
+    return brightest <= words.max_count() ? brightest : -1.0F;
   }
 
   /// Measures lenslets [first, last) one by one.
@@ -169,8 +196,11 @@ class Kernel {
   const PixelModel model_;
   Centroids& out_;
   // Buffers of one strip, which are not cleared, for only what is written is read.
+  std::ptrdiff_t ahead_ = 0;  // from this strip to the next one, pixels
   RowPositions positions_;
-  alignas(64) StripThresholds thresholds_;
+  alignas(64) StripThresholds<float> thresholds_;
+  alignas(64) StripThresholds<std::uint16_t> whole_thresholds_;
+  alignas(64) WholeSignals signals_;
   alignas(64) ColumnSums sums_;
 };
 

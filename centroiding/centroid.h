@@ -81,10 +81,10 @@ struct CentroidPlan {
   Image<float> gain;
   Image<float> offset;
   float uniform_offset = 0;
-  // The same in one byte each, or in two where one is too coarse. The maps above hold what the
-  // codes stand for. Both are empty where two bytes are too coarse, or where there are no maps.
-  PixelCodes<std::uint8_t> short_codes;
-  PixelCodes<std::uint16_t> long_codes;
+  // The same in fewer bytes. The maps above hold what these stand for. Each is empty where it would
+  // be too coarse or is not needed.
+  PixelWords words;
+  PixelCodes codes;
 
   /// [lenslets + kWidestVector] the mean gain of a window's good pixels, by which the variance of a
   /// signal is larger than without a flat

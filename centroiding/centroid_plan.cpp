@@ -284,9 +284,11 @@ void code_pixels(CentroidPlan& plan) {
   // A gain is as wrong as it makes the brightest pixels.
   const double bright = dark + brightest * static_cast<double>(plan.counts_per_e);
   const CodeTolerance tolerance{.gain = kOfNoise * std::sqrt(bright) / brightest,
-                                .offset = kOfNoise * std::sqrt(dark)};
-  if (!code_maps(plan.gain, plan.offset, tolerance, plan.short_codes))
-    code_maps(plan.gain, plan.offset, tolerance, plan.long_codes);
+                                .offset = kOfNoise * std::sqrt(dark),
+                                .brightest = brightest};
+  if (!code_in_words(plan.gain, plan.offset, tolerance, plan.words) ||
+      static_cast<double>(plan.words.max_count()) < brightest)
+    code_maps(plan.gain, plan.offset, tolerance, plan.codes);
 }
 
 void check_window_sizes(const CentroidPlan& plan) {

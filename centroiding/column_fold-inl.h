@@ -65,8 +65,8 @@ inline void load_columns(const float* line, const std::int32_t* begin, FloatVec*
 #endif
 
 /// Folds the sums of columns s, s_y and s_yy. y counts from the strip's middle.
-inline Moments<FloatTag> fold_columns(const FoldedWindows& windows, const StripLine& s,
-                                      const StripLine& s_y, const StripLine& s_yy) {
+inline Moments<FloatTag> fold_columns(const FoldedWindows& windows, const StripLine<float>& s,
+                                      const StripLine<float>& s_y, const StripLine<float>& s_yy) {
   const FloatTag d;
   const FloatVec zero = hn::Zero(d);
   Moments<FloatTag> m{zero, zero, zero, zero, zero, zero};
@@ -97,7 +97,7 @@ inline Moments<FloatTag> fold_columns(const FoldedWindows& windows, const StripL
 
 /// Returns a bit for each window with a column whose peak reaches the saturation, whether or not in
 /// a row of the window.
-inline std::uint32_t find_peaks(const FoldedWindows& windows, const StripLine& peaks,
+inline std::uint32_t find_peaks(const FoldedWindows& windows, const StripLine<float>& peaks,
                                 float saturation) {
   const FloatTag d;
   FloatVec peak = hn::Zero(d);

@@ -189,8 +189,7 @@ WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const Centr
     raised += higher;
   }
   const V width = hn::Set(d, model.width);
-  const V square = hn::Set(d, model.square);
-  const V linear = hn::Set(d, model.linear);
+  const V slope = hn::Set(d, model.slope);
   const V one = hn::Set(d, 1.0F);
 
   VectorMoments<D> signal;
@@ -206,8 +205,7 @@ WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const Centr
     for (int row = 0; row < spot.h; ++row) {
       const auto pixel = reader.next_row();
       const V v = hn::Max(pixel.signal, hn::Zero(d));
-      const V u = hn::Min(v, width);
-      const V r = hn::Mul(u, hn::MulAdd(u, square, linear));
+      const V r = hn::Min(v, width);
       const V vy = hn::Mul(v, y);
       const V ry = hn::Mul(r, y);
       v0 = hn::Add(v0, v);
@@ -220,7 +218,7 @@ WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const Centr
       y = hn::Add(y, one);
     }
     signal.add(chunk, v0, v1, v2);
-    remainder.add(chunk, r0, r1, r2);
+    remainder.add(chunk, hn::Mul(r0, slope), hn::Mul(r1, slope), hn::Mul(r2, slope));
     peak = hn::Max(peak, hn::IfThenElseZero(chunk.inside, column_peak));
   }
   WindowSums sums;

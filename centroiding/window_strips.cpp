@@ -73,7 +73,7 @@ void WindowStrips::place(const Image<WindowSpot>& windows, int frame_cols) noexc
       if (strip.n >= kMinLenslets) strips_.push(strip);
       strip = {};
     };
-    for (int k = row * cols; k < (row + 1) * cols && frame_cols >= kWidestVector; ++k) {
+    for (int k = row * cols; k < (row + 1) * cols && frame_cols >= 2 * kWidestVector; ++k) {
       const WindowSpot& spot = windows[as_size(k)];
       if (!is_measured(spot) || spot.w > kMaxStripCols || spot.h > kMaxStripRows) {
         finish_strip();

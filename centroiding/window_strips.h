@@ -36,7 +36,7 @@ inline constexpr int kMaxStripLenslets = 16;
 inline constexpr int kMaxStripCols = 512;
 inline constexpr int kMaxStripRows = 64;
 inline constexpr int kMaxUnevenRows = 16;  ///< rows of a strip that only some of its windows have
-/// The widest vector has so many floats. Narrower frames have no strips.
+/// The widest vector has so many floats. Frames narrower than two of them have no strips.
 inline constexpr int kWidestVector = 16;
 
 /// A strip holds the lenslets [first, first + n) of one lenslet row, from left to right. No two of

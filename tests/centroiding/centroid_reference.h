@@ -53,7 +53,8 @@ inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& for
       std::max({options.threshold_adu / format.scale_adu, options.threshold_noise * read_noise,
                 options.threshold_relative * peak});
   const double c = threshold / e_per_count + read_noise * read_noise + 1.0 / 12.0;
-  const double width = 0.85 * std::sqrt(c) + 1.0 / e_per_count;
+  const double narrow = 0.85 * std::sqrt(c) + 1.0 / e_per_count;
+  const double width = narrow * (1.0 + narrow / (3.0 * c * e_per_count));
 
   const double mean_gain = gains / static_cast<double>(pixels.size());
 
@@ -73,7 +74,7 @@ inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& for
   spot.y_px = y;
   for (const Pixel& p : pixels) {
     const double v = std::max(p.light - threshold, 0.0);
-    const double q = (v / e_per_count + c) * std::min(v / width, 1.0) * mean_gain / (flux * flux) *
+    const double q = (v / e_per_count + c * std::min(v / width, 1.0)) * mean_gain / (flux * flux) *
                      (1.0 + 4.0 / (flux * e_per_count));
     spot.xx_px2 += v * (p.x - x) * (p.x - x) / flux;
     spot.yy_px2 += v * (p.y - y) * (p.y - y) / flux;
