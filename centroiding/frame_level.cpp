@@ -194,9 +194,10 @@ void LevelPlan::place(const CentroidPlan& centroid, const LowOrders& model,
   const float limit = 4.0F * static_cast<float>(grid_.pitch_px());
   LevelPixel* pixel = pixels.data();
   for (int r = 0; r <= rows_; ++r) {
-    const float v = model_coordinate(static_cast<float>(r) - 0.5F, rows_);
+    const LowOrders::Row displacements =
+        model.along(model_coordinate(static_cast<float>(r) - 0.5F, rows_));
     for (int c = 0; c <= cols_; ++c) {
-      const auto [dx, dy] = model.at(model_coordinate(static_cast<float>(c) - 0.5F, cols_), v);
+      const auto [dx, dy] = displacements.at(model_coordinate(static_cast<float>(c) - 0.5F, cols_));
       const auto [x, y] = grid_.pixel_from_lenslet(c - 0.5, r - 0.5);
       const auto first = [&](double corner, float moved) {
         return static_cast<int>(std::lround(corner +

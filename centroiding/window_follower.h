@@ -94,6 +94,7 @@ class WindowFollower {
   Image<float> flux_adu_;            ///< of the references
   Image<std::int32_t> bad_pixels_;   ///< [rows + 1, cols + 1] of the frame, summed; or empty
   std::vector<std::size_t> sample_;  ///< the lenslets that are fitted
+  std::vector<float> column_u_;      ///< [cols] the model's coordinate of a column
 
   // The state.
   LowOrders model_;                    ///< where the windows are
