@@ -249,7 +249,7 @@ inline WholeVec load_whole(const std::uint8_t* p) {
 template <typename Pixel>
 WholeVec find_signals(const PixelWords& maps, const Pixel* pixels, std::ptrdiff_t at,
                       int frame_cols, int rows, const StripThresholds<std::uint16_t>& thresholds,
-                      int place, std::ptrdiff_t ahead, WholeSignals& signals) {
+                      int place, WholeSignals& signals) {
   const WholeTag d;
   const WholeVec bad = hn::Set(d, PixelWords::kBadWord);
   const WholeVec low_byte = hn::Set(d, std::uint16_t{0xFF});
@@ -257,8 +257,6 @@ WholeVec find_signals(const PixelWords& maps, const Pixel* pixels, std::ptrdiff_
   const WholeVec scale = hn::Set(d, static_cast<std::uint16_t>(maps.count_scale));
   WholeVec peak = hn::Zero(d);
   for (std::size_t row = 0; row < static_cast<std::size_t>(rows); ++row, at += frame_cols) {
-    hwy::Prefetch(pixels + at + ahead);
-    hwy::Prefetch(maps.words.data() + at + ahead);
     const WholeVec count = load_whole(pixels + at);
     const WholeVec word = load_whole(maps.words.data() + at);
     const auto good = hn::Ne(word, bad);
@@ -291,14 +289,21 @@ float sum_columns(const PixelWords& maps, const Pixel* pixels, int frame_cols,
     const int place = place_in_line(strip, column);
     const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(strip.y0) * frame_cols + column;
     const WholeVec peak =
-        find_signals(maps, pixels, at, frame_cols, strip.rows, thresholds, place, ahead, signals);
+        find_signals(maps, pixels, at, frame_cols, strip.rows, thresholds, place, signals);
     brightest = hn::Max(brightest, peak);
     HWY_ALIGN std::uint16_t peaks[2 * kWidestVector];
     hn::Store(peak, whole, peaks);
     for (int i = 0; i < columns; i += lanes) {
       ColumnSummer summer(model.width / maps.unit);
-      for (std::size_t row = 0; row < static_cast<std::size_t>(strip.rows); ++row)
+      std::ptrdiff_t next = at + ahead;
+      for (std::size_t row = 0; row < static_cast<std::size_t>(strip.rows); ++row) {
+        if (i == 0)
+          hwy::Prefetch(pixels + next);
+        else
+          hwy::Prefetch(maps.words.data() + next);
         summer.add(load_pixels(d, signals[row].data() + i), positions, row);
+        next += frame_cols;
+      }
       summer.store(maps.unit, maps.unit * model.slope, place + i, sums);
       hn::StoreU(load_pixels(d, peaks + i), d, sums.peak.data() + place + i);
     }
