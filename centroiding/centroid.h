@@ -7,7 +7,9 @@
 #include <vector>
 
 #include "centroiding/centroid_method.h"
+#include "centroiding/pixel_codes.h"
 #include "centroiding/sensor.h"
+#include "centroiding/window_strips.h"
 #include "core/centroids.h"
 #include "core/frame.h"
 #include "core/image.h"
@@ -62,27 +64,13 @@ struct CentroidPlan {
   CentroidPlan(const Sensor& sensor, const FrameFormat& format,
                const CentroidOptions& options = {});
 
-  /// A Spot describes one lenslet's window. Inside the kernel all coordinates are relative to the
-  /// window's centre.
-  struct Spot {
-    int x0 = 0;  ///< first column; the window is w by h pixels
-    int y0 = 0;
-    int w = 0;
-    int h = 0;
-    /// These are the limits of a valid spot from the window's centre, in px. Beyond them it is
-    /// kAtEdge.
-    float min_x = 0;
-    float max_x = 0;
-    float min_y = 0;
-    float max_y = 0;
-    /// This is what is known before any frame: kUnlit, kBadPixels or kValid.
-    LensletState state = LensletState::kUnlit;
-  };
+  using Spot = WindowSpot;
 
   /// Returns how many rows of the frame must be ready before lenslet row `row` can be measured.
   int frame_rows_needed(int row) const { return rows_needed_[static_cast<std::size_t>(row)]; }
 
-  Image<Spot> spots;  ///< [rows, cols] of lenslets
+  Image<Spot> spots;    ///< [rows, cols] of lenslets
+  WindowStrips strips;  ///< of `spots`
   int frame_rows = 0;
   int frame_cols = 0;
   PixelType pixel_type = PixelType::kU16;
@@ -93,6 +81,14 @@ struct CentroidPlan {
   Image<float> gain;
   Image<float> offset;
   float uniform_offset = 0;
+  // The same in fewer bytes. The maps above hold what these stand for. Each is empty where it would
+  // be too coarse or is not needed.
+  PixelWords words;
+  PixelCodes codes;
+
+  /// [lenslets + kWidestVector] the mean gain of a window's good pixels, by which the variance of a
+  /// signal is larger than without a flat
+  AlignedVector<float> mean_gain;
 
   float threshold = 0;  ///< T in counts, without the relative threshold
   float relative_threshold = 0;
@@ -123,12 +119,21 @@ struct FrameConditions {
   /// Where this is not null, only lenslets that are nonzero in it are measured, and all others keep
   /// what was measured before.
   const Image<std::uint8_t>* only = nullptr;
+  /// These are the strips of `windows`, if the windows are not the plan's. Where this is null, such
+  /// windows are measured one by one.
+  const WindowStrips* strips = nullptr;
 };
 
 /// Returns where the windows are, [rows, cols] of lenslets.
 inline const Image<CentroidPlan::Spot>& windows_of(const CentroidPlan& plan,
                                                    const FrameConditions& conditions) noexcept {
   return conditions.windows != nullptr ? *conditions.windows : plan.spots;
+}
+
+/// Returns the strips of these windows, or null.
+inline const WindowStrips* strips_of(const CentroidPlan& plan,
+                                     const FrameConditions& conditions) noexcept {
+  return conditions.windows != nullptr ? conditions.strips : &plan.strips;
 }
 
 /// Measures every lenslet's spot. The list below describes the centres of gravity;

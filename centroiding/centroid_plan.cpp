@@ -252,6 +252,45 @@ void fold_maps(const Sensor& sensor, const CountScale& scale, double threshold,
   }
 }
 
+/// Sets the windows' mean gains. They stay when windows are moved, for a flat differs little there.
+void set_mean_gains(CentroidPlan& plan) {
+  plan.mean_gain.assign(plan.spots.size() + kWidestVector, 1.0F);
+  if (plan.gain.empty()) return;
+  for (std::size_t k = 0; k < plan.spots.size(); ++k) {
+    const CentroidPlan::Spot& spot = plan.spots[k];
+    double sum = 0.0;
+    int n = 0;
+    for (int y = spot.y0; y < spot.y0 + spot.h; ++y) {
+      for (int x = spot.x0; x < spot.x0 + spot.w; ++x) {
+        const float gain = plan.gain(y, x);
+        sum += static_cast<double>(gain);
+        n += gain > 0.0F ? 1 : 0;
+      }
+    }
+    if (n > 0) plan.mean_gain[k] = static_cast<float>(sum / n);
+  }
+}
+
+/// Codes the maps in as few bytes as do them no harm.
+void code_pixels(CentroidPlan& plan) {
+  // This part of a pixel's noise adds 1/128 to its variance.
+  constexpr double kOfNoise = 1.0 / 8.0;
+  constexpr double kQuantisation = 1.0 / 12.0;  // counts², where the noise is not known
+  if (plan.gain.empty()) return;
+  const double dark = std::max(static_cast<double>(plan.pixel_variance), kQuantisation);
+  const double most = plan.pixel_type == PixelType::kU8 ? 255.0 : 65535.0;
+  const double brightest =
+      std::isfinite(plan.saturation) ? std::clamp<double>(plan.saturation, 1.0, most) : most;
+  // A gain is as wrong as it makes the brightest pixels.
+  const double bright = dark + brightest * static_cast<double>(plan.counts_per_e);
+  const CodeTolerance tolerance{.gain = kOfNoise * std::sqrt(bright) / brightest,
+                                .offset = kOfNoise * std::sqrt(dark),
+                                .brightest = brightest};
+  if (!code_in_words(plan.gain, plan.offset, tolerance, plan.words) ||
+      static_cast<double>(plan.words.max_count()) < brightest)
+    code_maps(plan.gain, plan.offset, tolerance, plan.codes);
+}
+
 void check_window_sizes(const CentroidPlan& plan) {
   for (const CentroidPlan::Spot& spot : plan.spots) {
     if (std::max(spot.w, spot.h) <= kMaxMethodWindow) continue;
@@ -303,6 +342,7 @@ void prepare_method(const Sensor& sensor, const CentroidOptions& options, const 
 CentroidPlan::CentroidPlan(const Sensor& sensor, const FrameFormat& format,
                            const CentroidOptions& options)
     : spots(sensor.valid.rows(), sensor.valid.cols()),
+      strips(spots.rows(), spots.cols()),
       frame_rows(format.rows),
       frame_cols(format.cols),
       pixel_type(format.pixel_type),
@@ -318,8 +358,11 @@ CentroidPlan::CentroidPlan(const Sensor& sensor, const FrameFormat& format,
   set_thresholds(sensor, options, scale, *this);
   set_noise(scale, *this);
   place_spots(sensor, options, spots);
+  strips.place(spots, frame_cols);
   rows_needed_ = count_rows_needed(spots);
   fold_maps(sensor, scale, fixed_threshold(options, scale), *this);
+  code_pixels(*this);
+  set_mean_gains(*this);
   if (!is_centre_of_gravity(method)) prepare_method(sensor, options, scale, *this);
 }
 

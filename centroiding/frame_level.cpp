@@ -98,9 +98,12 @@ void smooth_down(const Image<float>& from, Image<float>& to) noexcept {
     const float* d = &from(r + reach / 2, 0);
     const float* e = &from(r + reach, 0);
     float* out = &to(r, 0);
-    for (int k = 0; k < from.cols(); ++k)
-      out[k] = reach == 2 ? median_of_five(a[k], b[k], c[k], d[k], e[k])
-                          : median_of_three(a[k], c[k], e[k]);
+    // Each loop does one thing, so that the compiler makes it one on vectors.
+    if (reach == 2) {
+      for (int k = 0; k < from.cols(); ++k) out[k] = median_of_five(a[k], b[k], c[k], d[k], e[k]);
+    } else {
+      for (int k = 0; k < from.cols(); ++k) out[k] = median_of_three(a[k], c[k], e[k]);
+    }
   }
 }
 
@@ -108,10 +111,12 @@ void smooth_across(const Image<float>& from, Image<float>& to) noexcept {
   const int last = from.cols() - 1;
   for (int r = 0; r < from.rows(); ++r) {
     const float* row = &from(r, 0);
-    for (int c = 0; c <= last; ++c) {
-      const int reach = std::min({2, c, last - c});
-      to(r, c) = reach == 2 ? median_of_five(row[c - 2], row[c - 1], row[c], row[c + 1], row[c + 2])
-                            : median_of_three(row[c - reach], row[c], row[c + reach]);
+    float* out = &to(r, 0);
+    for (int c = 2; c <= last - 2; ++c)
+      out[c] = median_of_five(row[c - 2], row[c - 1], row[c], row[c + 1], row[c + 2]);
+    for (const int c : {0, 1, last - 1, last}) {
+      const int reach = std::min(c, last - c);
+      if (reach >= 0 && reach < 2) out[c] = median_of_three(row[c - reach], row[c], row[c + reach]);
     }
   }
 }
@@ -123,17 +128,17 @@ float level_at_corner(const Image<float>& level, int r, int c) noexcept {
 
 /// Collects how far the blocks' pixels lie from the level, of some where there are many.
 std::size_t collect_residuals(const LevelPlan& plan, FrameLevels& levels) noexcept {
-  const int n = plan.block_pixels();
-  const std::size_t inner = as_size(plan.rows() - 1) * as_size(plan.cols() - 1) * as_size(n);
+  const std::size_t n = as_size(plan.block_pixels());
+  const std::size_t inner = as_size(plan.rows() - 1) * as_size(plan.cols() - 1) * n;
   const std::size_t stride = inner / kMaxResiduals + 1;
-  std::size_t seen = 0;
   std::size_t kept = 0;
+  std::size_t next = 0;  // the next one, counted from the block at hand
   for (int r = 1; r < plan.rows(); ++r) {
     for (int c = 1; c < plan.cols(); ++c) {
-      const float level = level_at_corner(levels.level, r, c);
-      const float* value = levels.values.data() + as_size(r * (plan.cols() + 1) + c) * as_size(n);
-      for (int i = 0; i < n; ++i)
-        if (seen++ % stride == 0) levels.residuals[kept++] = std::abs(value[i] - level);
+      const float* value = levels.values.data() + as_size(r * (plan.cols() + 1) + c) * n;
+      for (; next < n; next += stride)
+        levels.residuals[kept++] = std::abs(value[next] - level_at_corner(levels.level, r, c));
+      next -= n;
     }
   }
   return kept;
@@ -189,9 +194,10 @@ void LevelPlan::place(const CentroidPlan& centroid, const LowOrders& model,
   const float limit = 4.0F * static_cast<float>(grid_.pitch_px());
   LevelPixel* pixel = pixels.data();
   for (int r = 0; r <= rows_; ++r) {
-    const float v = model_coordinate(static_cast<float>(r) - 0.5F, rows_);
+    const LowOrders::Row displacements =
+        model.along(model_coordinate(static_cast<float>(r) - 0.5F, rows_));
     for (int c = 0; c <= cols_; ++c) {
-      const auto [dx, dy] = model.at(model_coordinate(static_cast<float>(c) - 0.5F, cols_), v);
+      const auto [dx, dy] = displacements.at(model_coordinate(static_cast<float>(c) - 0.5F, cols_));
       const auto [x, y] = grid_.pixel_from_lenslet(c - 0.5, r - 0.5);
       const auto first = [&](double corner, float moved) {
         return static_cast<int>(std::lround(corner +

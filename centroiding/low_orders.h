@@ -24,6 +24,22 @@ struct LowOrders {
     return sum;
   }
   LowOrders& operator+=(const LowOrders& other) noexcept;
+
+  /// The same along one row of lenslets, as polynomials of u.
+  struct Row {
+    std::array<float, 3> x{};
+    std::array<float, 3> y{};
+
+    std::array<float, 2> at(float u) const noexcept {
+      return {x[0] + u * (x[1] + u * x[2]), y[0] + u * (y[1] + u * y[2])};
+    }
+  };
+  Row along(float v) const noexcept {
+    const auto terms = [v](const std::array<float, kTerms>& c) {
+      return std::array<float, 3>{c[0] + v * (c[2] + v * c[5]), c[1] + v * c[4], c[3]};
+    };
+    return {terms(x), terms(y)};
+  }
 };
 
 /// Returns u for column `col` of an array `cols` wide, and likewise v for a row.

@@ -24,14 +24,27 @@ namespace {
 
 constexpr float kSigmas = 4.5F;
 
-/// This is what all pixels are held against first. It lets through all that is sharp and little
-/// else. A pixel passes if its count exceeds margin + max(second, sharpness·second − dark), of
-/// which `second` is the count of its second brightest neighbour.
+/// This is what all pixels are held against first, in whole counts. It lets through all that is
+/// sharp and little else. A pixel passes if its count exceeds that of its second brightest
+/// neighbour by more than margin + max(steepness·second − dark, 0).
 struct RoughTest {
-  float sharpness;
-  float dark;    ///< (sharpness − 1) times the frame's highest dark level, counts
-  float margin;  ///< counts
+  std::uint16_t whole_steepness;  ///< steepness is sharpness − 1
+  std::uint16_t steepness;        ///< the rest of it, in 1/65536
+  std::uint16_t dark;             ///< steepness times the frame's highest dark level, rounded up
+  std::uint16_t margin;
 };
+
+RoughTest rough_test(float sharpness, float dark, float margin) noexcept {
+  const auto count = [](float value) {
+    return static_cast<std::uint16_t>(std::clamp(value, 0.0F, 65535.0F));
+  };
+  const float steepness = std::max(sharpness - 1.0F, 0.0F);
+  const float whole = std::floor(steepness);
+  return {.whole_steepness = count(whole),
+          .steepness = count(65536.0F * (steepness - whole)),
+          .dark = count(std::ceil(steepness * dark)),
+          .margin = count(std::floor(margin))};
+}
 
 float second_brightest(float left, float right, float above, float below) noexcept {
   const float high = std::max(left, right), low = std::min(left, right);
@@ -48,50 +61,68 @@ namespace curlew::HWY_NAMESPACE {
 namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
-using D = hn::CappedTag<float, 16>;
-using V = hn::Vec<D>;
 
-template <typename Pixel>
-V load(const Pixel* p) {
-  const D d;
-  const hn::Rebind<Pixel, D> narrow;
-  const hn::Rebind<std::int32_t, D> wide;
-  return hn::ConvertTo(d, hn::PromoteTo(wide, hn::LoadU(narrow, p)));
+template <class D>
+hn::Vec<D> load(D d, const std::uint16_t* p) {
+  return hn::LoadU(d, p);
 }
 
-/// Lists the pixels of the frame that pass the rough test. Those of its rim have too few
-/// neighbours.
-template <typename Pixel>
-void look_over(FrameView frame, RoughTest test, FixedList<SharpPixel>& candidates) {
-  const D d;
+template <class D>
+hn::Vec<D> load(D d, const std::uint8_t* p) {
+  return hn::PromoteTo(d, hn::LoadU(hn::Rebind<std::uint8_t, D>(), p));
+}
+
+/// Lists the pixels of the frame that pass the rough test, but for those of its rim, which have too
+/// few neighbours. It walks the frame's memory straight on, over the ends of rows: the last pixel
+/// of a row stands beside the first of the next, and both are of the rim. There must be more than a
+/// vector of pixels between the first row and the last.
+template <class D, typename Pixel>
+void look_over(D d, FrameView frame, RoughTest test, FixedList<SharpPixel>& candidates) {
+  using V = hn::Vec<D>;
   const auto cols = static_cast<std::ptrdiff_t>(frame.cols);
   const auto lanes = static_cast<std::ptrdiff_t>(hn::Lanes(d));
-  const V sharpness = hn::Set(d, test.sharpness);
+  const std::ptrdiff_t end = cols * (frame.rows - 1);
+  const V steepness = hn::Set(d, test.steepness);
   const V dark = hn::Set(d, test.dark);
   const V margin = hn::Set(d, test.margin);
-  for (int y = 1; y + 1 < frame.rows; ++y) {
-    const Pixel* row = frame.data<Pixel>() + y * cols;
-    for (std::ptrdiff_t first = 1; first < cols - 1; first += lanes) {
-      // The last vector of a row is shifted back on to it.
-      const std::ptrdiff_t x = std::max<std::ptrdiff_t>(1, std::min(first, cols - 1 - lanes));
-      if (x + lanes > cols - 1) return;  // The frame is narrower than a vector.
-      const Pixel* p = row + x;
-      const V left = load(p - 1), right = load(p + 1), above = load(p - cols),
-              below = load(p + cols);
-      const V second = hn::Max(hn::Min(hn::Max(left, right), hn::Max(above, below)),
-                               hn::Max(hn::Min(left, right), hn::Min(above, below)));
-      const V expected = hn::Max(second, hn::MulSub(sharpness, second, dark));
-      const auto passed = hn::Gt(load(p), hn::Add(expected, margin));
-      if (hn::AllFalse(d, passed)) continue;
-      // The lanes are taken from bits here: a call of a function that is not compiled for this
-      // instruction set costs a hundred times as much as the test.
-      alignas(8) std::uint8_t bytes[8] = {};
-      hn::StoreMaskBits(d, passed, bytes);
-      unsigned bits = bytes[0] | (static_cast<unsigned>(bytes[1]) << 8U);
-      bits &= ~0U << static_cast<unsigned>(std::max<std::ptrdiff_t>(0, first - x));  // seen before
-      for (; bits != 0; bits &= bits - 1)
-        candidates.push({static_cast<std::int32_t>(x) + std::countr_zero(bits), y, -1});
+  for (std::ptrdiff_t first = cols; first < end; first += lanes) {
+    const std::ptrdiff_t at = std::min(first, end - lanes);  // The last vector is shifted back.
+    const Pixel* p = frame.data<Pixel>() + at;
+    const V here = load(d, p);
+    const V left = load(d, p - 1), right = load(d, p + 1), above = load(d, p - cols),
+            below = load(d, p + cols);
+    const V second = hn::Max(hn::Min(hn::Max(left, right), hn::Max(above, below)),
+                             hn::Max(hn::Min(left, right), hn::Min(above, below)));
+    V steep = hn::MulHigh(second, steepness);
+    for (int i = 0; i < test.whole_steepness; ++i) steep = hn::SaturatedAdd(steep, second);
+    const V least = hn::SaturatedAdd(hn::SaturatedSub(steep, dark), margin);
+    const auto passed = hn::Gt(here, hn::SaturatedAdd(second, least));
+    if (hn::AllFalse(d, passed)) continue;
+    // The lanes are taken from bits here: a call of a function that is not compiled for this
+    // instruction set costs a hundred times as much as the test.
+    alignas(8) std::uint8_t bytes[8] = {};
+    hn::StoreMaskBits(d, passed, bytes);
+    std::uint32_t bits = 0;
+    for (unsigned i = 0; i < 4; ++i) bits |= static_cast<std::uint32_t>(bytes[i]) << (8U * i);
+    bits &= ~0U << static_cast<unsigned>(first - at);  // The others were seen before.
+    for (; bits != 0; bits &= bits - 1) {
+      const std::ptrdiff_t i = at + std::countr_zero(bits);
+      const std::ptrdiff_t x = i % cols;
+      if (x > 0 && x < cols - 1)
+        candidates.push({static_cast<std::int32_t>(x), static_cast<std::int32_t>(i / cols), -1});
     }
+  }
+}
+
+template <typename Pixel>
+void look_over(FrameView frame, RoughTest test, FixedList<SharpPixel>& candidates) {
+  const hn::CappedTag<std::uint16_t, 32> wide;
+  const hn::CappedTag<std::uint16_t, 8> narrow;
+  const std::int64_t inner = std::int64_t{frame.cols} * (frame.rows - 2);
+  if (inner >= static_cast<std::int64_t>(hn::Lanes(wide))) {
+    look_over<decltype(wide), Pixel>(wide, frame, test, candidates);
+  } else if (inner >= static_cast<std::int64_t>(hn::Lanes(narrow))) {
+    look_over<decltype(narrow), Pixel>(narrow, frame, test, candidates);
   }
 }
 
@@ -181,9 +212,8 @@ void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
   // makes the rough test let through all of these. Since no light counts as less than 0, each of
   // them also exceeds its second brightest neighbour by m, which noise hardly ever does.
   const float highest = *std::max_element(levels.level.begin(), levels.level.end());
-  const RoughTest test{.sharpness = plan.sharpness,
-                       .dark = (plan.sharpness - 1.0F) * (plan.dark + highest),
-                       .margin = kSigmas * std::sqrt(levels.pixel_variance)};
+  const RoughTest test =
+      rough_test(plan.sharpness, plan.dark + highest, kSigmas * std::sqrt(levels.pixel_variance));
   if (plan.sharpness > 0.0F) HWY_DYNAMIC_DISPATCH(look)(frame, test, sharp.candidates);
   assign_sharp_pixels(plan, centroid, windows, frame, levels, sharp);
 }

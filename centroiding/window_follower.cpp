@@ -79,6 +79,7 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
       ref_y_px_(sensor.ref_y_px),
       flux_adu_(sensor.flux_adu),
       windows_(plan.spots),
+      strips_(plan.strips),
       blocks_(level_plan.pixels()),
       moved_x_px_(plan.spots.rows(), plan.spots.cols()),
       moved_y_px_(plan.spots.rows(), plan.spots.cols()),
@@ -104,6 +105,8 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
   for (std::size_t i = 0; i < all.size(); ++i)
     if ((i + i / as_size(plan.spots.cols())) % stride == 0) sample_.push_back(all[i]);
   values_.reserve(sample_.size());
+  for (int c = 0; c < plan.spots.cols(); ++c)
+    column_u_.push_back(model_coordinate(static_cast<float>(c), plan.spots.cols()));
   if (plan.gain.empty()) return;
   bad_pixels_ = Image<std::int32_t>(plan.frame_rows + 1, plan.frame_cols + 1);
   for (int y = 0; y < plan.frame_rows; ++y)
@@ -150,10 +153,10 @@ void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& le
   const int rows = windows_.rows(), cols = windows_.cols();
   const float limit = 4.0F * pitch_px_;  // What is extrapolated into the dark may be anything.
   for (int r = 0; r < rows; ++r) {
-    const float v = model_coordinate(static_cast<float>(r), rows);
+    const LowOrders::Row row = model.along(model_coordinate(static_cast<float>(r), rows));
     for (int c = 0; c < cols; ++c) {
       const std::size_t k = as_size(r) * as_size(cols) + as_size(c);
-      const auto [x, y] = model.at(model_coordinate(static_cast<float>(c), cols), v);
+      const auto [x, y] = row.at(column_u_[as_size(c)]);
       model_x_px_[k] = std::clamp(x, -limit, limit);
       model_y_px_[k] = std::clamp(y, -limit, limit);
       if (lenslet_[k] != 0)
@@ -161,6 +164,7 @@ void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& le
                      static_cast<int>(std::lround(model_y_px_[k])));
     }
   }
+  strips_.place(windows_, plan.frame_cols);
 }
 
 /// Centres the windows of spots that lie off their middle, for this frame only. Returns whether
@@ -271,7 +275,7 @@ void WindowFollower::find_spots(const Centroids& centroids, Fit& found) noexcept
   int same = 0;
   int were_lit = 0;
   for (int r = 0; r < rows; ++r) {
-    const float v = model_coordinate(static_cast<float>(r), rows);
+    const LowOrders::Row row = found.model.along(model_coordinate(static_cast<float>(r), rows));
     for (int c = 0; c < cols; ++c) {
       const std::size_t k = as_size(r) * as_size(cols) + as_size(c);
       const LensletState state = centroids.state[k];
@@ -281,7 +285,7 @@ void WindowFollower::find_spots(const Centroids& centroids, Fit& found) noexcept
       const bool weak = state == LensletState::kAtEdge ||
                         (state == LensletState::kFaint && centroids.flux_adu[k] > 0.0F);
       if (state != LensletState::kValid && !weak) continue;
-      const auto [at_x, at_y] = found.model.at(model_coordinate(static_cast<float>(c), cols), v);
+      const auto [at_x, at_y] = row.at(column_u_[as_size(c)]);
       const float x = centroids.x_px[k] - ref_x_px_[k] - model_x_px_[k] - at_x;
       const float y = centroids.y_px[k] - ref_y_px_[k] - model_y_px_[k] - at_y;
       const float square = x * x + y * y;
@@ -389,7 +393,7 @@ FollowState WindowFollower::measure(const CentroidPlan& plan, const LevelPlan& l
   check_size("WindowFollower", "lenslets", size_of(windows_), size_of(plan.spots));
   Fit found;
   const auto measure_here = [&] {
-    find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_});
+    find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_, nullptr, &strips_});
     fit(centroids, found);
     find_spots(centroids, found);
   };

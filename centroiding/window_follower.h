@@ -94,10 +94,12 @@ class WindowFollower {
   Image<float> flux_adu_;            ///< of the references
   Image<std::int32_t> bad_pixels_;   ///< [rows + 1, cols + 1] of the frame, summed; or empty
   std::vector<std::size_t> sample_;  ///< the lenslets that are fitted
+  std::vector<float> column_u_;      ///< [cols] the model's coordinate of a column
 
   // The state.
   LowOrders model_;                    ///< where the windows are
   Image<CentroidPlan::Spot> windows_;  ///< the plan's, moved there
+  WindowStrips strips_;                ///< of windows_, but for those that off_centre_ has moved
   std::vector<LevelPixel> blocks_;     ///< where the level is measured
   Image<float> moved_x_px_;            ///< by whole pixels
   Image<float> moved_y_px_;

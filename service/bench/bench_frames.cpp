@@ -44,11 +44,15 @@ class SmoothWavefront {
 
 }  // namespace
 
+double bench_spot_sigma_px(const BenchCase& which) {
+  return std::clamp(which.window_px / 6.0, 0.9, 2.0);
+}
+
 BenchFrame make_bench_frame(const BenchCase& which, BenchSlopes slopes, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
   const int p = which.window_px;
-  const double sigma = std::clamp(p / 6.0, 0.9, 2.0);
+  const double sigma = bench_spot_sigma_px(which);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   const SmoothWavefront wavefront(which, random);
 

@@ -25,6 +25,9 @@ struct BenchCase {
 };
 inline constexpr std::array<BenchCase, 3> kBenchCases = {{{40, 40, 6}, {80, 80, 10}, {30, 30, 32}}};
 
+/// Returns σ of the spots.
+double bench_spot_sigma_px(const BenchCase& which);
+
 struct BenchFrame {
   FrameFormat format;
   Image<std::uint16_t> pixels;

@@ -3,9 +3,11 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <numbers>
 
 #include "centroiding/centroid.h"
 #include "centroiding/centroid_methods.h"
@@ -89,6 +91,22 @@ class PlainLoops {
   volatile std::uint64_t sum_ = 0;  // keeps the compiler from leaving the reading out
 };
 
+/// Says how sharp a bench frame's spots are at most, as a calibration would find it.
+double spot_sharpness(const BenchCase& which) {
+  const double sigma_px = bench_spot_sigma_px(which);
+  return std::exp(0.5 / (sigma_px * sigma_px));
+}
+
+/// Tilts the rows of windows. Where they would leave the frame they stay at its rim.
+Sensor tilted(Sensor sensor, double degrees) {
+  const double slope = std::tan(degrees * std::numbers::pi / 180.0);
+  for (Window& window : sensor.window) {
+    const int moved = static_cast<int>(std::lround(slope * window.x0));
+    window.y0 = std::clamp(window.y0 + moved, 0, sensor.frame_rows - window.h);
+  }
+  return sensor;
+}
+
 /// Returns the build that is fastest when nothing disturbs it, which the first tenth of the rounds
 /// shows. It need not be the one of the widest vectors: they do not suit windows of a few pixels.
 PlainBuild fastest_build(int rounds, const std::function<void(PlainBuild)>& run) {
@@ -113,7 +131,7 @@ CentroidTimes time_all(const std::vector<std::function<void()>>& things, int rou
   for (const std::function<void()>& thing : things)
     runs.push_back({prepare ? prepare : thing, thing});
   const std::vector<RoundTimes> times = time_in_turn(runs, rounds);
-  return {times[0], times[1], times[2], times[3], times[4], times[5]};
+  return {times[0], times[1], times[2], times[3], times[4], times[5], times[6], times[7]};
 }
 
 template <typename Pixel>
@@ -125,8 +143,11 @@ CentroidBenchmark time_pixels(const BenchCase& which, PixelType pixel_type, int 
   Sensor sensor = tiled_sensor(which);
   const CentroidPlan without_maps(sensor, format, config.centroid);
   add_maps(sensor, 1);
+  sensor.spot_sharpness = spot_sharpness(which);
   const Plan plan(sensor, format, config);
-  FrameSlot slot(plan);
+  const CentroidPlan tilted_plan(tilted(sensor, 1.0), format, config.centroid);
+  WindowFollower follower(*plan.follower);
+  FrameSlot slot(plan, &follower);
   const PlainMaps maps(sensor, format, kBenchThresholdAdu);
   Centroids centroids(which.rows, which.cols);
   PlainLoops<Pixel> plain(which, frames, maps);
@@ -148,6 +169,11 @@ CentroidBenchmark time_pixels(const BenchCase& which, PixelType pixel_type, int 
         kStages.front().run(plan, slot);
       },
       [&] { find_centroids(plan.centroid, frames.current().view(), centroids); },
+      [&] {
+        find_centroids(plan.centroid, frames.current().view(), centroids,
+                       {.windows = &plan.centroid.spots});
+      },
+      [&] { find_centroids(tilted_plan, frames.current().view(), centroids); },
       [&] { find_centroids(without_maps, frames.current().view(), centroids); },
       [&] { plain.find(result.windows_build, PlainOrder::kWindows); },
       [&] { plain.find(result.rows_build, PlainOrder::kRows); },

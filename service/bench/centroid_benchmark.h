@@ -27,10 +27,13 @@ struct PlainMaps {
 
 /// Says how long one frame takes.
 struct CentroidTimes {
-  RoundTimes curlew;  ///< the stage as the pipeline runs it by default
+  /// The stage as the pipeline runs it by default: level, sharp pixels, windows that follow.
+  RoundTimes curlew;
   /// find_centroids() alone, at the calibration's level: dark, flat, bad pixels, threshold, moments
   /// to second order and variances.
   RoundTimes kernel;
+  RoundTimes kernel_by_windows;    ///< the same with each window measured by itself
+  RoundTimes kernel_tilted;        ///< the same for rows of windows that are tilted by 1°
   RoundTimes kernel_without_maps;  ///< the same for a sensor without dark, flat and bad pixels
   RoundTimes plain_windows;        ///< PlainOrder::kWindows, with the maps
   RoundTimes plain_rows;           ///< PlainOrder::kRows, with the maps

@@ -35,6 +35,8 @@ double ratio(const RoundTimes& a, const RoundTimes& b) { return a.median_us / b.
 nlohmann::ordered_json json_of(const CentroidTimes& times) {
   return {{"curlew", times_json(times.curlew)},
           {"kernel", times_json(times.kernel)},
+          {"kernel_by_windows", times_json(times.kernel_by_windows)},
+          {"kernel_tilted", times_json(times.kernel_tilted)},
           {"kernel_without_maps", times_json(times.kernel_without_maps)},
           {"plain_windows", times_json(times.plain_windows)},
           {"plain_rows", times_json(times.plain_rows)},
@@ -42,6 +44,8 @@ nlohmann::ordered_json json_of(const CentroidTimes& times) {
           {"curlew_over_plain_windows", ratio(times.curlew, times.plain_windows)},
           {"curlew_over_plain_rows", ratio(times.curlew, times.plain_rows)},
           {"curlew_over_read", ratio(times.curlew, times.read)},
+          {"curlew_over_kernel", ratio(times.curlew, times.kernel)},
+          {"kernel_over_by_windows", ratio(times.kernel, times.kernel_by_windows)},
           {"kernel_over_plain_windows", ratio(times.kernel, times.plain_windows)},
           {"kernel_over_plain_rows", ratio(times.kernel, times.plain_rows)},
           {"kernel_over_read", ratio(times.kernel, times.read)}};
@@ -85,6 +89,8 @@ std::string table(const CentroidBenchmark& result) {
   };
   add("curlew", &CentroidTimes::curlew);
   add("kernel alone", &CentroidTimes::kernel);
+  add("kernel, window by window", &CentroidTimes::kernel_by_windows);
+  add("kernel, tilted by 1 degree", &CentroidTimes::kernel_tilted);
   add("kernel alone, without maps", &CentroidTimes::kernel_without_maps);
   add(fmt::format("plain C by windows, {}", name_of(result.windows_build)),
       &CentroidTimes::plain_windows);

@@ -18,16 +18,19 @@ struct ReferenceSpot {
   double variance_x_px2 = 0, variance_y_px2 = 0, covariance_xy_px2 = 0;
 };
 
+/// The plan must be that of the sensor, the format and the options. Its maps are taken as they are,
+/// because they are rounded; pixel_codes_test.cpp says by how much.
 inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& format,
-                                    const CentroidOptions& options, FrameView frame,
-                                    const Window& window) {
+                                    const CentroidOptions& options, const CentroidPlan& plan,
+                                    FrameView frame, const Window& window) {
   const double e_per_count = sensor.detector.e_per_adu * format.scale_adu;
   const double read_noise = sensor.detector.read_noise_e / e_per_count;
   struct Pixel {
-    double x, y, gain, light;  // `light` is in calibrated counts above the background.
+    double x, y, light;  // `light` is in calibrated counts above the background.
   };
   std::vector<Pixel> pixels;
   double peak = 0;
+  double gains = 0;
   for (int y = window.y0; y < window.y0 + window.h; ++y) {
     for (int x = window.x0; x < window.x0 + window.w; ++x) {
       if (!sensor.bad_pixel.empty() && sensor.bad_pixel(y, x) != 0) continue;
@@ -35,12 +38,14 @@ inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& for
       const double count = frame.pixel_type == PixelType::kU16
                                ? static_cast<double>(frame.data<std::uint16_t>()[i])
                                : static_cast<double>(frame.data<std::uint8_t>()[i]);
-      const double dark_adu = sensor.dark_adu.empty() ? sensor.background_adu
-                                                      : static_cast<double>(sensor.dark_adu(y, x));
-      const double dark = (dark_adu - format.zero_adu) / format.scale_adu;
-      const double gain = sensor.flat.empty() ? 1.0 : 1.0 / static_cast<double>(sensor.flat(y, x));
-      pixels.push_back(
-          {static_cast<double>(x), static_cast<double>(y), gain, (count - dark) * gain});
+      const double dark = (sensor.background_adu - format.zero_adu) / format.scale_adu;
+      const double gain = plan.gain.empty() ? 1.0 : static_cast<double>(plan.gain(y, x));
+      const double light = plan.gain.empty()
+                               ? count - dark
+                               : gain * count - (static_cast<double>(plan.offset(y, x)) -
+                                                 static_cast<double>(plan.threshold));
+      gains += gain;
+      pixels.push_back({static_cast<double>(x), static_cast<double>(y), light});
       peak = std::max(peak, pixels.back().light);
     }
   }
@@ -48,7 +53,10 @@ inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& for
       std::max({options.threshold_adu / format.scale_adu, options.threshold_noise * read_noise,
                 options.threshold_relative * peak});
   const double c = threshold / e_per_count + read_noise * read_noise + 1.0 / 12.0;
-  const double width = 0.85 * std::sqrt(c) + 1.0 / e_per_count;
+  const double narrow = 0.85 * std::sqrt(c) + 1.0 / e_per_count;
+  const double width = narrow * (1.0 + narrow / (3.0 * c * e_per_count));
+
+  const double mean_gain = gains / static_cast<double>(pixels.size());
 
   double flux = 0, x = 0, y = 0;
   for (const Pixel& p : pixels) {
@@ -66,7 +74,7 @@ inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& for
   spot.y_px = y;
   for (const Pixel& p : pixels) {
     const double v = std::max(p.light - threshold, 0.0);
-    const double q = (v / e_per_count + c) * std::min(v / width, 1.0) * p.gain / (flux * flux) *
+    const double q = (v / e_per_count + c * std::min(v / width, 1.0)) * mean_gain / (flux * flux) *
                      (1.0 + 4.0 / (flux * e_per_count));
     spot.xx_px2 += v * (p.x - x) * (p.x - x) / flux;
     spot.yy_px2 += v * (p.y - y) * (p.y - y) / flux;

@@ -111,8 +111,9 @@ TEST(CentroidBenchmark, NamesWhatItTimed) {
   EXPECT_TRUE(can_run(result.windows_build));
   EXPECT_TRUE(can_run(result.rows_build));
   for (const CentroidTimes& times : {result.warm, result.cold})
-    for (const RoundTimes& t : {times.curlew, times.kernel, times.kernel_without_maps,
-                                times.plain_windows, times.plain_rows, times.read})
+    for (const RoundTimes& t :
+         {times.curlew, times.kernel, times.kernel_by_windows, times.kernel_tilted,
+          times.kernel_without_maps, times.plain_windows, times.plain_rows, times.read})
       EXPECT_GT(t.median_us, 0.0);
 }
 
