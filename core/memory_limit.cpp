@@ -15,7 +15,8 @@ constexpr std::int64_t kMost_mb = std::int64_t{1} << 40;
 constexpr std::int64_t kBytesPerMb = 1'000'000;
 
 std::int64_t memory_limit_mb() {
-  const char* const text = std::getenv("CURLEW_MEMORY_MB");
+  // getenv() is safe among threads here, because nothing in the program sets a variable.
+  const char* const text = std::getenv("CURLEW_MEMORY_MB");  // NOLINT(concurrency-mt-unsafe)
   if (text == nullptr) return kDefault_mb;
   const std::string_view word(text);
   std::int64_t value = 0;

@@ -18,7 +18,7 @@
 namespace curlew {
 namespace {
 
-constexpr std::size_t kChunk = 256 * 1024;
+constexpr std::size_t kChunk = std::size_t{256} * 1024;
 
 struct CloseGzip {
   void operator()(gzFile file) const { gzclose(file); }

@@ -23,11 +23,6 @@ double circle_radius(const SimulatorOptions& o) { return 0.5 * std::min(o.rows, 
 void check_simulator_options(const SimulatorOptions& o) {
   require(o.rows >= 1 && o.cols >= 1 && o.window_px >= 1,
           "the simulator needs at least one lenslet row, one column and one pixel a window");
-  const double frame_rows = static_cast<double>(o.rows) * o.window_px;
-  const double frame_cols = static_cast<double>(o.cols) * o.window_px;
-  require_memory("simulating " + std::to_string(o.rows) + " x " + std::to_string(o.cols) +
-                     " lenslets of " + std::to_string(o.window_px) + " pixels a side",
-                 12.0 * frame_rows * frame_cols);
   require(o.rows <= kLargestDetectorPx / o.window_px && o.cols <= kLargestDetectorPx / o.window_px,
           "the simulated detector would be wider than 32768 pixels; take fewer lenslets or a "
           "smaller window");
@@ -53,6 +48,11 @@ void check_simulator_options(const SimulatorOptions& o) {
           "the bias must be 0 ADU or more and below saturation");
   require(o.scene.field_file.empty() || !o.turbulence,
           "a field file and turbulence cannot be had at once; leave one out");
+  const double frame_rows = static_cast<double>(o.rows) * o.window_px;
+  const double frame_cols = static_cast<double>(o.cols) * o.window_px;
+  require_memory("simulating " + std::to_string(o.rows) + " x " + std::to_string(o.cols) +
+                     " lenslets of " + std::to_string(o.window_px) + " pixels a side",
+                 12.0 * frame_rows * frame_cols);
 }
 
 bool is_noisy(const SimulatorOptions& o) { return o.photons > 0.0 && std::isfinite(o.photons); }
