@@ -84,6 +84,8 @@ class Kernel {
     const WindowSpot* spots = &windows_[static_cast<std::size_t>(strip.first)];
     const std::uint32_t saturated = fold_strip(plan_, lists, strip, spots, sums_, brightest, out_);
     // What is rare is measured by windows.
+    if (saturated == 0 && (conditions_.sharp == nullptr || conditions_.sharp->pixels.empty()))
+      return;
     for (int i = 0; i < strip.n; ++i) {
       const int k = strip.first + i;
       const bool hit = conditions_.sharp != nullptr &&
