@@ -21,6 +21,7 @@
 #include "centroiding/row_pass-inl.h"
 #include "centroiding/spot_finish-inl.h"
 #include "centroiding/window_pass-inl.h"
+#include "core/as_size.h"
 #include "core/size_check.h"
 #include "hwy/highway.h"
 
@@ -84,6 +85,8 @@ class Kernel {
     const WindowSpot* spots = &windows_[static_cast<std::size_t>(strip.first)];
     const std::uint32_t saturated = fold_strip(plan_, lists, strip, spots, sums_, brightest, out_);
     // What is rare is measured by windows.
+    if (saturated == 0 && (conditions_.sharp == nullptr || conditions_.sharp->pixels.empty()))
+      return;
     for (int i = 0; i < strip.n; ++i) {
       const int k = strip.first + i;
       const bool hit = conditions_.sharp != nullptr &&
@@ -108,7 +111,7 @@ class Kernel {
     constexpr float kBeyondReach = 1e30F;
     float values[kMaxStripLenslets];
     for (int i = 0; i < strip.n; ++i)
-      values[i] = offset + model_.raised(plan_, static_cast<std::size_t>(strip.first + i));
+      values[i] = offset + model_.raised(plan_, as_size(strip.first) + as_size(i));
     set_thresholds(strip, &windows_[static_cast<std::size_t>(strip.first)], values, kBeyondReach,
                    thresholds_);
     return sum_columns(maps, pixels_, plan_.frame_cols, strip, thresholds_, positions_,
@@ -122,7 +125,7 @@ class Kernel {
     const float per_unit = 1.0F / words.unit;
     std::uint16_t values[kMaxStripLenslets];
     for (int i = 0; i < strip.n; ++i) {
-      const float raised = model_.raised(plan_, static_cast<std::size_t>(strip.first + i));
+      const float raised = model_.raised(plan_, as_size(strip.first) + as_size(i));
       const float units = (words.offset_base + raised) * per_unit + 0.5F;
       if (!(units >= 0.0F && units < 65000.0F)) return -1.0F;
       values[i] = static_cast<std::uint16_t>(units);

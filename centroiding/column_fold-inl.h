@@ -15,6 +15,7 @@
 
 #include "centroiding/row_pass-inl.h"
 #include "centroiding/spot_finish-inl.h"
+#include "core/as_size.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -138,7 +139,7 @@ inline std::uint32_t fold_strip(const CentroidPlan& plan, const WindowStrips::Li
   for (int i = strip.n; i < strip.n + lanes; ++i) begin[i] = begin[0];
   std::uint32_t saturated = 0;
   for (int i = 0; i < strip.n; i += lanes) {
-    const auto k = static_cast<std::size_t>(strip.first + i);
+    const std::size_t k = as_size(strip.first) + as_size(i);
     const SpotPlaces<FloatTag> places{
         hn::LoadU(d, &lists.centre_x[k]), hn::LoadU(d, &lists.centre_y[k]),
         hn::LoadU(d, &lists.min_x[k]),    hn::LoadU(d, &lists.max_x[k]),

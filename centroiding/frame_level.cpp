@@ -150,7 +150,7 @@ float noise_of(std::span<float> residuals) noexcept {
   constexpr float kKept = 0.9733F;
   constexpr float kCount = 0.5F;  // Where noise is far below a count, nearly all residuals are 0.
   if (residuals.empty()) return 0.0F;
-  const float cut = 3.0F * kSigmaOfMedian * median_of(residuals) + kCount;
+  const float cut = 3.0F * kSigmaOfMedian * median_of_magnitudes(residuals) + kCount;
   double sum = 0.0;
   int n = 0;
   for (const float residual : residuals) {

@@ -26,7 +26,10 @@ struct PixelWords {
 
   bool empty() const { return words.empty(); }
   /// Brighter counts do not fit into 16 bits.
-  float max_count() const { return static_cast<float>(0xFFFF / count_scale); }
+  float max_count() const {
+    const int most = 0xFFFF / count_scale;
+    return static_cast<float>(most);
+  }
 };
 
 /// Gain and offset of each pixel in two bytes each. The gain is gain_base + gain_step·code, and a

@@ -236,7 +236,7 @@ float sum_columns(const Maps& maps, const Pixel* pixels, int frame_cols, const W
   return hn::GetLane(hn::MaxOfLanes(d, brightest));
 }
 
-using WholeTag = hn::CappedTag<std::uint16_t, 2 * kWidestVector>;
+using WholeTag = hn::CappedTag<std::uint16_t, std::size_t{2} * kWidestVector>;
 using WholeVec = hn::Vec<WholeTag>;
 
 inline WholeVec load_whole(const std::uint16_t* p) { return hn::LoadU(WholeTag(), p); }

@@ -105,6 +105,7 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
   for (std::size_t i = 0; i < all.size(); ++i)
     if ((i + i / as_size(plan.spots.cols())) % stride == 0) sample_.push_back(all[i]);
   values_.reserve(sample_.size());
+  near_.resize(sample_.size());
   for (int c = 0; c < plan.spots.cols(); ++c)
     column_u_.push_back(model_coordinate(static_cast<float>(c), plan.spots.cols()));
   if (plan.gain.empty()) return;
@@ -233,27 +234,41 @@ void WindowFollower::fit(const Centroids& centroids, Fit& found) noexcept {
   const int rows = windows_.rows(), cols = windows_.cols();
   float near2 = (kNear * pitch_px_) * (kNear * pitch_px_);
   found.model = {};
+  const auto place_of = [&](std::size_t k) {
+    const int r = static_cast<int>(k / as_size(cols));
+    return std::array<float, 4>{column_u_[k % as_size(cols)],
+                                model_coordinate(static_cast<float>(r), rows),
+                                centroids.x_px[k] - ref_x_px_[k] - model_x_px_[k],
+                                centroids.y_px[k] - ref_y_px_[k] - model_y_px_[k]};
+  };
   for (int pass = 0; pass < 2; ++pass) {
-    LowOrdersFit fit;
+    bool same = pass > 0;  // the spots that are near are those of the pass before
     values_.clear();
-    for (const std::size_t k : sample_) {
-      if (centroids.state[k] != LensletState::kValid) continue;
-      const int r = static_cast<int>(k / as_size(cols)), c = static_cast<int>(k % as_size(cols));
-      const float u = model_coordinate(static_cast<float>(c), cols);
-      const float v = model_coordinate(static_cast<float>(r), rows);
-      const float x = centroids.x_px[k] - ref_x_px_[k] - model_x_px_[k];
-      const float y = centroids.y_px[k] - ref_y_px_[k] - model_y_px_[k];
-      const auto [at_x, at_y] = found.model.at(u, v);
-      const float square = (x - at_x) * (x - at_x) + (y - at_y) * (y - at_y);
-      if (square > near2) continue;
-      values_.push_back(square);
-      fit.add(u, v, x, y);
+    for (std::size_t i = 0; i < sample_.size(); ++i) {
+      bool near = centroids.state[sample_[i]] == LensletState::kValid;
+      if (near) {
+        const auto [u, v, x, y] = place_of(sample_[i]);
+        const auto [at_x, at_y] = found.model.at(u, v);
+        const float square = (x - at_x) * (x - at_x) + (y - at_y) * (y - at_y);
+        near = square <= near2;
+        if (near) values_.push_back(square);
+      }
+      same = same && near == (near_[i] != 0);
+      near_[i] = near ? 1 : 0;
     }
     if (values_.empty()) return;
-    found.model = fit.solve();
+    if (!same) {
+      LowOrdersFit fit;
+      for (std::size_t i = 0; i < sample_.size(); ++i) {
+        if (near_[i] == 0) continue;
+        const auto [u, v, x, y] = place_of(sample_[i]);
+        fit.add(u, v, x, y);
+      }
+      found.model = fit.solve();
+    }
     found.residual_px = kSigmaOfMedian * std::sqrt(median_of(std::span(values_)));
-    const float near = std::max(3.0F * found.residual_px, 0.1F * pitch_px_);
-    near2 = std::min(near2, 2.0F * near * near);
+    const float limit = std::max(3.0F * found.residual_px, 0.1F * pitch_px_);
+    near2 = std::min(near2, 2.0F * limit * limit);
   }
 }
 

@@ -114,6 +114,7 @@ class WindowFollower {
   Image<std::uint8_t> spot_;        ///< what each window holds; the values stand in the .cpp
   Image<std::uint8_t> off_centre_;  ///< windows that are centred on their spot in this frame
   std::vector<float> values_;       ///< of the sample
+  std::vector<std::uint8_t> near_;  ///< [sample] whether a spot takes part in the fit
 };
 
 }  // namespace curlew
