@@ -21,9 +21,8 @@ namespace curlew {
 
 class BlockSolver {
  public:
-  /// `lattice` is the one that was dissected. Of every component one node, the last of its
-  /// component, is tied to 0, so that A is not singular. The sum of b over a component must be 0;
-  /// then the ties carry nothing.
+  /// `lattice` is the one that was dissected. x has one free constant a component; it is chosen so
+  /// that x has sum 0 over the component's last nodes. The sum of b over a component must be 0.
   BlockSolver(const Lattice& lattice, const Dissection& dissection);
 
   /// This is the scratch memory of a solution.
