@@ -101,6 +101,21 @@ class SlopeKernel {
     return hn::Add(sum(a, x, b, y), hn::Mul(set(c), z));
   }
 
+  struct Axis {
+    V displacement;  ///< px, by which the gain has been divided
+    V variance;      ///< px²
+  };
+  /// The gain is that of the window, so it applies to the displacement within the window. A dark
+  /// lenslet's spot is most likely where those of the others are.
+  static HWY_INLINE Axis along(V from_ref, V moved, V low, M dark, V inverse_gain, V gain_error,
+                               V noise) {
+    const V in_window = hn::Mul(hn::Sub(from_ref, moved), inverse_gain);
+    const V error = hn::Mul(gain_error, in_window);
+    const V of_noise = hn::Mul(hn::Mul(noise, inverse_gain), inverse_gain);
+    return {hn::Add(in_window, hn::IfThenElse(dark, low, moved)),
+            hn::Add(of_noise, hn::Mul(error, error))};
+  }
+
   HWY_INLINE Slopes measure(std::size_t k) const {
     const D d;
     const V zero = hn::Zero(d);
@@ -117,26 +132,20 @@ class SlopeKernel {
     const M dark = hn::AndNot(lit, soft);
     const M measured = hn::Or(valid, weak);
 
-    // The gain is that of the window, so it applies to the displacement within the window. A dark
-    // lenslet's spot is most likely where those of the others are.
     const V gx = only_if(measured, load(plan_.inverse_gain_x, k));
     const V gy = only_if(measured, load(plan_.inverse_gain_y, k));
-    const V moved_x = only_if(measured, load(centroids_.moved_x_px, k));
-    const V moved_y = only_if(measured, load(centroids_.moved_y_px, k));
-    const V from_ref_x = hn::Sub(true_px(centroids_.x_px, k), load(plan_.ref_x_px, k));
-    const V from_ref_y = hn::Sub(true_px(centroids_.y_px, k), load(plan_.ref_y_px, k));
-    const V in_window_x = hn::Mul(hn::Sub(from_ref_x, moved_x), gx);
-    const V in_window_y = hn::Mul(hn::Sub(from_ref_y, moved_y), gy);
     const V low_x = load(centroids_.low_x_px, k);
     const V low_y = load(centroids_.low_y_px, k);
-    const V dx = hn::Add(in_window_x, hn::IfThenElse(dark, low_x, moved_x));
-    const V dy = hn::Add(in_window_y, hn::IfThenElse(dark, low_y, moved_y));
-    const V ex = hn::Mul(load(plan_.gain_error_x, k), in_window_x);
-    const V ey = hn::Mul(load(plan_.gain_error_y, k), in_window_y);
-    const V noise_x = noise(load(centroids_.variance_x_px2, k), load(centroids_.xx_px2, k), weak);
-    const V noise_y = noise(load(centroids_.variance_y_px2, k), load(centroids_.yy_px2, k), weak);
-    const V vx = hn::Add(hn::Mul(hn::Mul(noise_x, gx), gx), hn::Mul(ex, ex));
-    const V vy = hn::Add(hn::Mul(hn::Mul(noise_y, gy), gy), hn::Mul(ey, ey));
+    const auto [dx, vx] =
+        along(hn::Sub(true_px(centroids_.x_px, k), load(plan_.ref_x_px, k)),
+              only_if(measured, load(centroids_.moved_x_px, k)), low_x, dark, gx,
+              load(plan_.gain_error_x, k),
+              noise(load(centroids_.variance_x_px2, k), load(centroids_.xx_px2, k), weak));
+    const auto [dy, vy] =
+        along(hn::Sub(true_px(centroids_.y_px, k), load(plan_.ref_y_px, k)),
+              only_if(measured, load(centroids_.moved_y_px, k)), low_y, dark, gy,
+              load(plan_.gain_error_y, k),
+              noise(load(centroids_.variance_y_px2, k), load(centroids_.yy_px2, k), weak));
     const V c = hn::Mul(hn::Mul(load(centroids_.covariance_xy_px2, k), gx), gy);
 
     const float m11 = plan_.m11, m12 = plan_.m12, m21 = plan_.m21, m22 = plan_.m22;

@@ -10,8 +10,9 @@ namespace {
 
 std::size_t padded(std::size_t n) { return (n + 15) / 16 * 16; }
 
-/// Blocks are equal if they agree to this, a part of the largest edge.
-constexpr double kEqual = 1e-6;
+/// Blocks are equal if they agree to this. It is less than what float resolves, because errors of
+/// them count as much as φ is larger than its differences, and more than the rounding of double.
+constexpr double kEqual = 1e-9;
 
 }  // namespace
 
@@ -20,13 +21,11 @@ class BlockSolver::Builder {
  public:
   Builder(const Lattice& lattice, const Dissection& dissection, BlockSolver& solver)
       : dissection_(dissection), solver_(solver), left_(dissection.fronts().size()) {
-    std::vector<std::int32_t> last(as_size(lattice.n_components()), 0);
-    for (int i = 0; i < dissection.n_nodes(); ++i)
-      last[as_size(lattice.component_of(dissection.corner_at(i)))] = i;
-    tied_.resize(as_size(dissection.n_nodes()));
-    for (const std::int32_t i : last) tied_[as_size(i)] = true;
+    last_front_.resize(as_size(lattice.n_components()));
     for (int i = 0; i < dissection.n_nodes(); ++i) {
       const int corner = dissection.corner_at(i);
+      component_.push_back(lattice.component_of(corner));
+      last_front_[as_size(component_.back())] = dissection.front_of()[as_size(i)];
       const int row = corner / lattice.corner_cols();
       const int col = corner % lattice.corner_cols();
       place_.push_back({row + col, col - row});
@@ -53,8 +52,7 @@ class BlockSolver::Builder {
       s(a, b) -= 1.0;
       s(b, a) -= 1.0;
     }
-    for (std::int32_t i = 0; i < front.pivots; ++i)
-      if (tied_[as_size(front.first + i)]) s(i, i) += 1.0;
+    tie_components(static_cast<std::int32_t>(f), s);
     const Eigen::Index p = front.pivots;
     const Eigen::Index q = front.rows() - front.pivots;
     const Eigen::MatrixXd inverse =
@@ -64,6 +62,19 @@ class BlockSolver::Builder {
       add_to_parent(front, s.bottomRightCorner(q, q) + g * s.topRightCorner(p, q));
     s.resize(0, 0);
     keep(front, inverse, g);
+  }
+
+  /// Makes the sum of x over what is left of a component count, where this front is its last one.
+  /// That takes away its free constant. What rounding leaves of b's sum flows evenly to all of
+  /// these nodes, and not to one of them, where it would be seen.
+  void tie_components(std::int32_t f, Eigen::MatrixXd& s) const {
+    const Front& front = dissection_.fronts()[as_size(f)];
+    for (std::int32_t i = 0; i < front.pivots; ++i) {
+      const std::int32_t component = component_[as_size(front.first + i)];
+      if (last_front_[as_size(component)] != f) continue;
+      for (std::int32_t j = 0; j < front.pivots; ++j)
+        if (component_[as_size(front.first + j)] == component) s(i, j) += 1.0;
+    }
   }
 
   void add_to_parent(const Front& front, const Eigen::MatrixXd& rest) {
@@ -92,17 +103,16 @@ class BlockSolver::Builder {
 
     const auto p = as_size(front.pivots);
     const std::size_t q = order.size();
-    std::vector<float> values(padded(q) * p + padded(p) * (p + q));
+    std::vector<double> values(padded(q) * p + padded(p) * (p + q));
     for (std::size_t j = 0; j < p; ++j) {
       const auto pivot = static_cast<Eigen::Index>(j);
       for (std::size_t i = 0; i < q; ++i) {
-        const auto value = static_cast<float>(g(static_cast<Eigen::Index>(order[i]), pivot));
+        const double value = g(static_cast<Eigen::Index>(order[i]), pivot);
         values[j * padded(q) + i] = value;
         values[p * padded(q) + (p + i) * padded(p) + j] = value;
       }
       for (std::size_t i = 0; i < p; ++i)
-        values[p * padded(q) + i * padded(p) + j] =
-            static_cast<float>(inverse(pivot, static_cast<Eigen::Index>(i)));
+        values[p * padded(q) + i * padded(p) + j] = inverse(pivot, static_cast<Eigen::Index>(i));
     }
     block.parent = front.parent;
     block.operations = static_cast<float>(values.size());
@@ -113,19 +123,20 @@ class BlockSolver::Builder {
   }
 
   /// Returns where the values are kept.
-  std::size_t place_of(const Front& front, const std::vector<float>& values) {
+  std::size_t place_of(const Front& front, const std::vector<double>& values) {
     std::vector<long> key{front.pivots};
-    for (const float value : values)
-      key.push_back(std::lround(static_cast<double>(value) / kEqual));
+    for (const double value : values) key.push_back(std::lround(value / kEqual));
     const auto [known, is_new] = known_.try_emplace(key, solver_.values_.size());
-    if (is_new) solver_.values_.insert(solver_.values_.end(), values.begin(), values.end());
+    if (is_new)
+      for (const double value : values) solver_.values_.push_back(static_cast<float>(value));
     return known->second;
   }
 
   const Dissection& dissection_;
   BlockSolver& solver_;
-  std::vector<Eigen::MatrixXd> left_;  // [fronts] what is left of A on the front
-  std::vector<bool> tied_;
+  std::vector<Eigen::MatrixXd> left_;      // [fronts] what is left of A on the front
+  std::vector<std::int32_t> component_;    // [nodes]
+  std::vector<std::int32_t> last_front_;   // [components]
   std::vector<std::array<int, 2>> place_;  // [nodes]
   std::vector<std::vector<Dissection::Link>> links_;
   std::map<std::vector<long>, std::size_t> known_;

@@ -82,10 +82,14 @@ void solve_down(const BlockSolver::Block* blocks, std::span<const std::int32_t> 
     const auto pivots = static_cast<std::size_t>(block.pivots);
     std::memcpy(in, b + block.first, pivots * sizeof(float));
     const std::int32_t* border = borders + block.border_start;
-    for (std::int32_t i = 0; i < block.border; ++i) in[block.pivots + i] = b[border[i]];
+    // Every row of Gᵀ adds up to 1. So x is taken relative to one border node's, and the rounding
+    // of Gᵀ counts for the differences within a front, not for all that x is.
+    const float level = block.border > 0 ? b[border[0]] : 0.0F;
+    for (std::int32_t i = 0; i < block.border; ++i) in[block.pivots + i] = b[border[i]] - level;
     multiply(values + block.down, padded(block.pivots),
              pivots + static_cast<std::size_t>(block.border), in, out);
-    std::memcpy(b + block.first, out, pivots * sizeof(float));
+    for (std::size_t i = 0; i < pivots; ++i)
+      b[static_cast<std::size_t>(block.first) + i] = out[i] + level;
   }
 }
 

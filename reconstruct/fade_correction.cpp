@@ -32,8 +32,8 @@ double FadeCorrection::predict_steps() noexcept {
   return kSteps * std::log2(1.0 + n) * 2.0 * n / std::max(ends, 1.0);
 }
 
-double FadeCorrection::predict_operations(const BlockSolver& solver) noexcept {
-  constexpr double kEdgeOperations = 60.0;  // what a step does for an edge, in the same time
+double FadeCorrection::predict_ns(const BlockSolver& solver) noexcept {
+  constexpr double kEdgeNs = 2.0;  // what a step takes for an edge, beside the solution
   std::fill(has_ends_.begin(), has_ends_.end(), 0);
   for (const Edge& edge : edges_)
     for (const std::int32_t end : {edge.from, edge.to})
@@ -42,7 +42,7 @@ double FadeCorrection::predict_operations(const BlockSolver& solver) noexcept {
         has_ends_[as_size(front)] = 1;
   fronts_.clear();
   double whole = 0.0;
-  double step = kEdgeOperations * static_cast<double>(edges_.size());
+  double step = 0.0;
   for (const std::int32_t front : solver.all_fronts()) {
     const auto operations = static_cast<double>(solver.block(front).operations);
     whole += operations;
@@ -51,7 +51,8 @@ double FadeCorrection::predict_operations(const BlockSolver& solver) noexcept {
     fronts_.push(front);
   }
   foreseen_steps_ = predict_steps();
-  return 2.0 * whole + step * foreseen_steps_;
+  return solver.operation_ns() * (2.0 * whole + step * foreseen_steps_) +
+         kEdgeNs * static_cast<double>(edges_.size()) * foreseen_steps_;
 }
 
 /// Sets the nodes of the fronts in hand to D·(values of edges).

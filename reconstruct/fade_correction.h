@@ -29,11 +29,12 @@ class FadeCorrection {
   /// Says that the edge between two nodes has faded; they are positions.
   void add(std::int32_t from, std::int32_t to) noexcept { edges_.push({from, to}); }
 
-  /// Returns the multiplications that solve() will need, as far as they can be foreseen.
-  double predict_operations(const BlockSolver& solver) noexcept;
+  /// Returns how long solve() will take, ns, as far as it can be foreseen. Only its ratio to
+  /// NetworkFactor::predict_ns() matters.
+  double predict_ns(const BlockSolver& solver) noexcept;
 
   /// Computes b ← x for the b above, [n_nodes + 1] in the order of elimination, until no edge is
-  /// off by more than `goal`. predict_operations() must come before. Returns the number of steps,
+  /// off by more than `goal`. predict_ns() must come before. Returns the number of steps,
   /// and −1 if twice as many as foreseen were not enough; b then means nothing.
   int solve(const BlockSolver& solver, BlockSolver::Workspace& workspace, float goal,
             float* b) noexcept;

@@ -54,13 +54,12 @@ HiddenPhaseWorkspace::HiddenPhaseWorkspace(const HiddenPhasePlan& plan)
       points(plan.choice().capacity()),
       wrapped(smooth.rows(), smooth.cols()),
       vortex_slopes(smooth.rows(), smooth.cols()),
-      split_workspace(plan.split()),
       vortex_split(smooth.rows(), smooth.cols()) {}
 
 void add_hidden_phase(const HiddenPhasePlan& plan, const VortexList& candidates,
                       const SlopeField& slopes, const Image<float>& flux_adu,
-                      const HodgeSplit& split, HiddenPhaseWorkspace& workspace,
-                      Image<float>& whole_phase_rad) noexcept {
+                      const HodgeSplit& split, SplitWorkspace& split_workspace,
+                      HiddenPhaseWorkspace& workspace, Image<float>& whole_phase_rad) noexcept {
   const MapSize size = size_of(plan.split().lattice());
   check_size("add_hidden_phase", "slopes", size_of(slopes), size);
   check_size("add_hidden_phase", "flux", size_of(flux_adu), size);
@@ -86,7 +85,7 @@ void add_hidden_phase(const HiddenPhasePlan& plan, const VortexList& candidates,
     field.variance_y = slopes.variance_y;
     field.valid = slopes.valid;
     field.n_valid = slopes.n_valid;
-    split_slopes(plan.split(), field, ws.split_workspace, ws.vortex_split);
+    split_again(plan.split(), field, split_workspace, ws.vortex_split);
     double sum = 0.0;
     for (std::size_t k = 0; k < ws.rotational.size(); ++k)
       if (slopes.valid[k] != 0) sum += static_cast<double>(ws.rotational[k]);

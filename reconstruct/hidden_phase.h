@@ -62,7 +62,6 @@ struct HiddenPhaseWorkspace {
   FixedList<PointVortex> points;
   Image<float> wrapped;
   SlopeField vortex_slopes;
-  SplitWorkspace split_workspace;
   HodgeSplit vortex_split;
 };
 
@@ -75,10 +74,10 @@ struct HiddenPhaseWorkspace {
 /// `candidates` are detected vortices with their probability, the surest first. Candidates as
 /// improbable as options.choice.min_probability help, because a missing vortex harms more than a
 /// doubtful candidate. Unresolved pairs (charge 0) are not used. `slopes` are those that were
-/// split, and flux_adu is [rows, cols].
+/// split, `split_workspace` is the one that split them last, and flux_adu is [rows, cols].
 void add_hidden_phase(const HiddenPhasePlan& plan, const VortexList& candidates,
                       const SlopeField& slopes, const Image<float>& flux_adu,
-                      const HodgeSplit& split, HiddenPhaseWorkspace& workspace,
-                      Image<float>& whole_phase_rad) noexcept;
+                      const HodgeSplit& split, SplitWorkspace& split_workspace,
+                      HiddenPhaseWorkspace& workspace, Image<float>& whole_phase_rad) noexcept;
 
 }  // namespace curlew

@@ -47,8 +47,13 @@ class NetworkFactor {
   /// 0. b is [n_nodes + 1] in the order of elimination, and its last element is 0.
   void solve(Workspace& workspace, float* b) const noexcept;
 
-  /// Returns the multiplications of a factorisation.
-  double operations() const { return operations_; }
+  /// Returns about how long a factorisation and a refined solution take, ns. Fitted to 40×40,
+  /// 80×80 and 160×160 lenslets.
+  double predict_ns() const {
+    constexpr double kOperationNs = 0.055;
+    constexpr double kNodeNs = 34.0;
+    return kOperationNs * operations_ + kNodeNs * static_cast<double>(steps_.nodes);
+  }
 
   // What follows are the steps, which network_factor.cpp and network_solver.cpp carry out.
 
@@ -128,7 +133,7 @@ class NetworkFactor {
   void plan_rests();
 
   Steps steps_;
-  double operations_ = 0.0;
+  double operations_ = 0.0;  // multiplications of a factorisation
 };
 
 }  // namespace curlew

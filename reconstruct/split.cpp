@@ -31,7 +31,13 @@ class Splitter {
  public:
   Splitter(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
            HodgeSplit& split)
-      : plan_(plan), grid_(plan.grid()), slopes_(slopes), ws_(workspace), split_(split) {}
+      : plan_(plan), grid_(plan.grid()), slopes_(slopes), ws_(workspace), split_(split) {
+    check_size("split_slopes", "slopes", size_of(slopes), size_of(plan.lattice()));
+    check_size("split_slopes", "a split", size_of(split.phase), size_of(plan.lattice()));
+  }
+
+  /// Starts on new weights.
+  void forget_factor() noexcept { ws_.factorised_ = false; }
 
   void run() noexcept {
     prepare();
@@ -74,7 +80,7 @@ class Splitter {
     for (const FadedLenslets::Edge& edge : ws_.faded_.edges())
       ws_.correction_.add(node[as_size(edge.from)], node[as_size(edge.to)]);
     if (!ws_.faded_.lenslets().empty() &&
-        ws_.correction_.predict_operations(plan_.solver()) > plan_.network_operations())
+        ws_.correction_.predict_ns(plan_.solver()) > plan_.network().predict_ns())
       return false;
     find_divergence(grid_, ws_.edge_a_.data(), ws_.edge_b_.data(), ws_.residual_.data());
     gather(ws_.residual_);
@@ -90,7 +96,8 @@ class Splitter {
   /// what is left is found in double and solved for again. Every step leaves a fixed part of the
   /// error, which the last two steps tell.
   void solve_by_network() noexcept {
-    plan_.network().factorise(ws_.weight_.data(), ws_.network_);
+    if (!ws_.factorised_) plan_.network().factorise(ws_.weight_.data(), ws_.network_);
+    ws_.factorised_ = true;
     std::fill(ws_.exact_phi_.begin(), ws_.exact_phi_.end(), 0.0);
     double previous = static_cast<double>(step_by_network());
     const double goal =
@@ -178,8 +185,13 @@ class Splitter {
 
 void split_slopes(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
                   HodgeSplit& split) noexcept {
-  check_size("split_slopes", "slopes", size_of(slopes), size_of(plan.lattice()));
-  check_size("split_slopes", "a split", size_of(split.phase), size_of(plan.lattice()));
+  Splitter splitter(plan, slopes, workspace, split);
+  splitter.forget_factor();
+  splitter.run();
+}
+
+void split_again(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
+                 HodgeSplit& split) noexcept {
   Splitter(plan, slopes, workspace, split).run();
 }
 

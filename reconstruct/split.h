@@ -52,8 +52,6 @@ class SplitPlan {
   const std::vector<std::int32_t>& lenslets() const { return faces_.lenslets(); }
   const BlockSolver& solver() const { return solver_; }
   const NetworkFactor& network() const { return network_; }
-  /// Returns how many multiplications of the solver() take the time of a solution by network().
-  double network_operations() const;
   /// Returns the places in working arrays of the nodes, in the order of elimination.
   const std::vector<std::size_t>& node_places() const { return node_places_; }
   /// Returns the position of each corner in that order; it means nothing where no node is.
@@ -104,6 +102,7 @@ class SplitWorkspace {
   AlignedVector<std::int32_t> group_count_;
   BlockSolver::Workspace solver_;
   FadeCorrection correction_;
+  bool factorised_ = false;  // whether network_ is the factor of the weights split last
   NetworkFactor::Workspace network_;
 };
 
@@ -114,5 +113,10 @@ class SplitWorkspace {
 /// tests/reconstruct). Weights beyond 1e±9 of their mean count as that much.
 void split_slopes(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
                   HodgeSplit& split) noexcept;
+
+/// Splits other slopes with the weights of those that `workspace` split last: `valid` and the
+/// variances are the same. The factor that was made for them is used again.
+void split_again(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
+                 HodgeSplit& split) noexcept;
 
 }  // namespace curlew

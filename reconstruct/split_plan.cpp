@@ -55,13 +55,6 @@ SplitPlan::SplitPlan(const SplitOptions& options, const Lattice& lattice,
   plan_potential();
 }
 
-double SplitPlan::network_operations() const {
-  // Fitted to 40×40 and 80×80 lenslets. A node costs this much to gather, refine and store.
-  constexpr double kFactor = 3.0;
-  constexpr double kNode = 400.0;
-  return kFactor * network_.operations() + kNode * static_cast<double>(node_places_.size());
-}
-
 /// ψ is 0 on the outer faces. From there it follows downwards, across the lenslet at the upper left
 /// of a corner, or across the one at the upper right. A corner of a hole's face that has neither
 /// gets the ψ of that face's first corner, which has both.

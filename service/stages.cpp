@@ -60,7 +60,8 @@ void split(const Plan& plan, FrameSlot& slot) noexcept {
 void hidden(const Plan& plan, FrameSlot& slot) noexcept {
   if (!plan.hidden_phase || !slot.hidden_phase_workspace) return;
   add_hidden_phase(*plan.hidden_phase, slot.candidates, slot.slopes, slot.centroids.flux_adu,
-                   slot.split, *slot.hidden_phase_workspace, slot.whole_phase);
+                   slot.split, slot.split_workspace, *slot.hidden_phase_workspace,
+                   slot.whole_phase);
 }
 
 /// Returns the grid, if plan and slots can be made within the limit on memory.

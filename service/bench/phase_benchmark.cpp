@@ -132,29 +132,30 @@ class Estimator {
         return {split_.phase, {}, {}};
       case kHidden:
         classify();
-        return with_hidden(plan_.choosing, choosing_, slopes_, split_);
+        return with_hidden(plan_.choosing, choosing_, slopes_, split_, split_workspace_);
       case kHiddenEqual:
         classify();
-        return with_hidden(plan_.choosing_equal, choosing_equal_, frame_.slopes, frame_.split);
+        return with_hidden(plan_.choosing_equal, choosing_equal_, frame_.slopes, frame_.split,
+                           frame_.split_workspace);
       case kProbable:
         classify();
-        return with_hidden(plan_.believing, believing_, slopes_, split_);
+        return with_hidden(plan_.believing, believing_, slopes_, split_, split_workspace_);
       case kCirculation:
         circulate();
-        return with_hidden(plan_.believing, believing_, slopes_, split_);
+        return with_hidden(plan_.believing, believing_, slopes_, split_, split_workspace_);
       case kCirculationChosen:
         circulate();
-        return with_hidden(plan_.choosing, choosing_, slopes_, split_);
+        return with_hidden(plan_.choosing, choosing_, slopes_, split_, split_workspace_);
       case kExponential:
         vortices_.clear();
         for (const PointVortex& v : vortices_of_exponential(slopes_, frame_.centroids.flux_adu))
           add(v.x, v.y, v.charge > 0.0F ? 1 : -1);
-        return with_hidden(plan_.believing, believing_, slopes_, split_);
+        return with_hidden(plan_.believing, believing_, slopes_, split_, split_workspace_);
       default:
         vortices_.clear();
         for (const SceneVortex& v : realisation.vortices)
           if (on_array(v)) add(static_cast<float>(v.x), static_cast<float>(v.y), v.charge);
-        return with_hidden(plan_.believing, believing_, slopes_, split_);
+        return with_hidden(plan_.believing, believing_, slopes_, split_, split_workspace_);
     }
   }
 
@@ -185,8 +186,10 @@ class Estimator {
   }
 
   PhaseEstimate with_hidden(const HiddenPhasePlan& plan, HiddenPhaseWorkspace& workspace,
-                            const SlopeField& slopes, const HodgeSplit& split) {
-    add_hidden_phase(plan, vortices_, slopes, frame_.centroids.flux_adu, split, workspace, whole_);
+                            const SlopeField& slopes, const HodgeSplit& split,
+                            SplitWorkspace& split_workspace) {
+    add_hidden_phase(plan, vortices_, slopes, frame_.centroids.flux_adu, split, split_workspace,
+                     workspace, whole_);
     PhaseEstimate estimate{workspace.smooth, workspace.rotational, {}};
     for (const PointVortex& vortex : workspace.points) estimate.vortices.push_back(vortex);
     return estimate;

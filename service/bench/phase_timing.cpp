@@ -69,8 +69,9 @@ PhaseTiming time_hidden_phase(int size, int vortices, int frames) {
       flux[k] = light(random);
     }
     split_us.push_back(time_us([&] { split_slopes(split_plan, slopes, split_workspace, split); }));
-    whole_us.push_back(time_us(
-        [&] { add_hidden_phase(plan, candidates, slopes, flux, split, workspace, whole); }));
+    whole_us.push_back(time_us([&] {
+      add_hidden_phase(plan, candidates, slopes, flux, split, split_workspace, workspace, whole);
+    }));
     choice_us.push_back(time_us([&] {
       choose_vortices(plan.choice(), candidates, slopes, workspace.choice, workspace.vortices);
     }));

@@ -70,7 +70,7 @@ struct Frame {
         split(valid.rows(), valid.cols()),
         whole(valid.rows(), valid.cols()) {
     split_slopes(split_plan, slopes_in, split_workspace, split);
-    add_hidden_phase(plan, candidates, slopes_in, flux, split, workspace, whole);
+    add_hidden_phase(plan, candidates, slopes_in, flux, split, split_workspace, workspace, whole);
   }
 
   SplitPlan split_plan;
@@ -291,7 +291,8 @@ TEST(HiddenPhase, MoreCandidatesThanFitAreCountedAndHarmNothing) {
     split_slopes(split_plan, slopes, split_workspace, split);
     HiddenPhaseWorkspace workspace(plan);
     Image<float> whole(12, 12);
-    add_hidden_phase(plan, many, slopes, even_light(valid), split, workspace, whole);
+    add_hidden_phase(plan, many, slopes, even_light(valid), split, split_workspace, workspace,
+                     whole);
     if (choose) {
       EXPECT_GT(workspace.choice.candidates.overflow(), 0);
     }

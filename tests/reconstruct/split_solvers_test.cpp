@@ -359,6 +359,31 @@ TEST(SplitSolvers, LeaveNothingBehindInTheWorkspace) {
   }
 }
 
+TEST(SplitSolvers, SplitOtherSlopesOfAFrameWithItsFactor) {
+  std::mt19937 random(7110);
+  const Mask pupil = round_pupil(26);
+  for (const double faded : {0.0, 0.01, 0.3}) {
+    const Mask valid = knock_out(pupil, faded, random);
+    SlopeField first = slopes_on(valid, random);
+    SlopeField second = slopes_on(valid, random);
+    spread_variance(first, 2.0, random);
+    second.variance_x = first.variance_x;
+    second.variance_y = first.variance_y;
+    for (const bool weighted : {false, true}) {
+      Fit fit(pupil, {.weighted = weighted});
+      fit(first);
+      split_again(fit.plan, second, fit.workspace, fit.split);
+      Fit fresh(pupil, {.weighted = weighted});
+      const HodgeSplit& expected = fresh(second);
+      EXPECT_TRUE(
+          std::equal(expected.phase.begin(), expected.phase.end(), fit.split.phase.begin()));
+      ASSERT_EQ(fit.split.holes.size(), expected.holes.size());
+      for (std::size_t h = 0; h < expected.holes.size(); ++h)
+        EXPECT_EQ(fit.split.holes[h].circulation, expected.holes[h].circulation);
+    }
+  }
+}
+
 TEST(SplitSolvers, OneLensletOfManyIsLeft) {
   for (const bool weighted : {false, true}) {
     const Mask pupil = round_pupil(30);

@@ -196,7 +196,7 @@ TEST(NoAllocation, HiddenPhase) {
           slopes.variance_x[k] = slopes.variance_y[k] = 0.1F;
         }
         split_slopes(split_plan, slopes, split_workspace, split);
-        add_hidden_phase(plan, candidates, slopes, flux, split, workspace, whole);
+        add_hidden_phase(plan, candidates, slopes, flux, split, split_workspace, workspace, whole);
         believed += workspace.vortices.size();
       }
     });
