@@ -119,6 +119,9 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("publish", "streams", publish.streams, kNotNegative);
   visit("publish", "prefix", publish.prefix, kNotNegative);
   visit("publish", "folder", publish.folder, kNotNegative);
+  auto& metrics = config.metrics;
+  visit("metrics", "listen", metrics.listen, kNotNegative);
+  visit("metrics", "beyond_loopback", metrics.beyond_loopback, kNotNegative);
 }
 
 }  // namespace

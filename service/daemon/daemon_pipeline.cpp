@@ -53,7 +53,7 @@ void log_sections_that_wait(const Config& old, Config fresh) {
   fresh.daemon.sensor = old.daemon.sensor;
   for (const std::string& section : changed_sections(old, fresh))
     if (section == "pipeline" || section == "realtime" || section == "recorder" ||
-        section == "publish" || section == "daemon")
+        section == "publish" || section == "metrics" || section == "daemon")
       spdlog::warn("reload: [{}] takes effect when curlew is started again", section);
     else if (section == "camera" || section == "usb")
       spdlog::info("reload: [{}] takes effect when the camera is connected again", section);
@@ -155,6 +155,7 @@ void DaemonPipeline::reload() {
     config.realtime = config_.realtime;
     config.recorder = config_.recorder;
     config.publish = config_.publish;
+    config.metrics = config_.metrics;
     std::optional<FrameFormat> format;
     std::shared_ptr<const Plan> plan;
     do {  // Another camera, connected meanwhile, makes another round necessary.
