@@ -29,5 +29,6 @@ void add_cameras(CLI::App& app);
 void add_doctor(CLI::App& app);
 void add_kernel(CLI::App& app);
 void add_convert(CLI::App& app);
+void add_export(CLI::App& app);
 
 }  // namespace curlew

@@ -144,6 +144,89 @@ class Files(Folder):
             curlew.read_results(self.path("missing.fits"))
 
 
+class Telemetry(Folder):
+    """`curlew export --aot`, checked against the table of the format."""
+
+    MANDATORY = ("AOT_TIME", "AOT_ATMOSPHERIC_PARAMETERS", "AOT_ABERRATIONS", "AOT_TELESCOPES",
+                 "AOT_SOURCES", "AOT_DETECTORS", "AOT_SCORING_CAMERAS", "AOT_WAVEFRONT_SENSORS",
+                 "AOT_WAVEFRONT_CORRECTORS", "AOT_LOOPS")
+
+    def export(self, recording="beam.fits", out="aot.fits", code=0):
+        done = subprocess.run(
+            [PROGRAM, "export", "--aot", "results.fits", "--recording", recording, "--sensor",
+             "sensor.fits", "--out", out], cwd=self.folder, capture_output=True,
+            text=True)
+        self.assertEqual(done.returncode, code, done.stderr)
+        return done.stderr
+
+    def test_every_hdu_column_reference_and_unit(self):
+        self.export()
+        with fits.open(self.path("aot.fits")) as file:
+            file.verify("exception")
+            primary = file[0]
+            self.assertIsNone(primary.data)
+            self.assertEqual([primary.header[key] for key in ("AOT-VERS", "TIMESYS", "AO-MODE")],
+                             ["2.0.0", "UTC", "SCAO"])
+            for name in self.MANDATORY:
+                self.assertEqual(file[name].columns[0].name, "UID", name)
+            for name in ("AOT_ATMOSPHERIC_PARAMETERS", "AOT_ABERRATIONS", "AOT_SCORING_CAMERAS",
+                         "AOT_WAVEFRONT_CORRECTORS", "AOT_LOOPS"):
+                self.assertEqual(file[name].header["NAXIS2"], 0, name)
+            for table in file:
+                if table.name.startswith("AOT_") and table.header["NAXIS2"]:
+                    self.check_references(file, table)
+            sensor = file["AOT_WAVEFRONT_SENSORS"].data[0]
+            lit = curlew.read_sensor(self.path("sensor.fits")).valid
+            n = int(lit.sum())
+            self.assertEqual((sensor["TYPE"], sensor["DIMENSIONS"], sensor["N_VALID_SUBAPERTURES"]),
+                             ("Shack-Hartmann", 2, n))
+            self.assertEqual(file["AOT_WAVEFRONT_SENSORS_SHACK_HARTMANN"].data["UID"][0],
+                             sensor["UID"])
+            self.assertEqual(file["AOT_TELESCOPES"].data["SEGMENT_TYPE"][0], "Monolithic")
+            units = {c.name: c.unit for c in file["AOT_WAVEFRONT_SENSORS"].columns}
+            self.assertEqual((units["MASK_X_OFFSETS"], units["WAVELENGTH"], units["TYPE"]),
+                             ("pix", "m", None))
+            self.assertEqual(file["AOT_WAVEFRONT_SENSORS"].columns["DIMENSIONS"].null, -32768)
+
+            slopes = curlew.read_results(self.path("results.fits")).images["SLOPES"]
+            np.testing.assert_array_equal(file["MEASUREMENTS"].data, slopes[:, :, lit])
+            self.assertEqual(file["MEASUREMENTS"].header["BUNIT"], "rad")
+            self.assertEqual(file["REF_MEASUREMENTS"].data.shape, (2, n))
+            self.assertLess(np.abs(file["REF_MEASUREMENTS"].data).max(), 0.5)
+            self.assertEqual(file["SUBAPERTURE_INTENSITIES"].data.shape, (FRAMES, n))
+            mask = file["SUBAPERTURE_MASK"].data
+            np.testing.assert_array_equal(mask[lit], np.arange(n))
+            self.assertTrue((mask[~lit] == -1).all())
+            recording = curlew.read_recording(self.path("beam.fits"))
+            np.testing.assert_array_equal(file["PIXEL_INTENSITIES"].data, recording.frames)
+            time_row = file["AOT_TIME"].data[0]
+            np.testing.assert_array_equal(time_row["FRAME_NUMBERS"], recording.sequence)
+            self.assertIn(len(time_row["TIMESTAMPS"]), (0, FRAMES))
+            self.assertEqual(len(file["CURLEW_VORTICES"].data),
+                             len(curlew.read_results(self.path("results.fits")).vortices))
+
+    def check_references(self, file, table):
+        """Everything that is referred to is there."""
+        for column in table.columns:
+            value = table.data[column.name][0]
+            if isinstance(value, str) and value.startswith("INTREF<"):
+                image = file[value[len("INTREF<"):-1]]
+                self.assertTrue(image.is_image, value)
+                reference = image.header.get("TIME_UID")
+                if reference is not None:
+                    self.assertEqual(reference, f"ROWREF<{file['AOT_TIME'].data['UID'][0]}>")
+            elif isinstance(value, str) and value.startswith("ROWREF<"):
+                uids = {row["UID"] for other in file if other.name.startswith("AOT_")
+                        and other.header["NAXIS2"] for row in other.data}
+                self.assertIn(value[len("ROWREF<"):-1], uids)
+
+    def test_files_that_do_not_belong_together_are_refused(self):
+        self.assertIn("name the recording that was replayed", self.export(
+            recording="ref.fits", code=1))
+        self.assertIn("is an input of this run", self.export(
+            out="sensor.fits", code=2))
+
+
 class Streams(Folder):
     """The daemon on a recording, with its streams."""
 
