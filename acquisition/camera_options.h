@@ -43,7 +43,7 @@ struct UsbLayout {
 
 struct CameraOptions {
   /// Names the camera: "aravis:ID" (a device id, an address, or nothing for the only camera there
-  /// is), "usb:VID:PID", "sim:PRESET" or "file:REC.fits".
+  /// is), "usb:VID:PID", "isio:NAME" (a stream in shared memory), "sim:PRESET" or "file:REC.fits".
   std::string source = "aravis:";
 
   // A GenICam camera is told the following. A field at its default leaves the camera's own value.

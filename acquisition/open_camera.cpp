@@ -4,6 +4,7 @@
 #include <string>
 
 #include "acquisition/aravis/aravis_camera.h"
+#include "acquisition/isio/stream_camera.h"
 #include "acquisition/paced_camera.h"
 #include "acquisition/usb/usb_camera.h"
 #include "core/error.h"
@@ -14,7 +15,7 @@ namespace {
 [[noreturn]] void refuse(const std::string& source) {
   std::string text = "camera '";
   text.append(source).append(
-      "' is none of aravis:ID, usb:VID:PID, sim:PRESET and file:RECORDING.fits");
+      "' is none of aravis:ID, usb:VID:PID, isio:NAME, sim:PRESET and file:RECORDING.fits");
   throw UsageError(text);
 }
 
@@ -36,6 +37,7 @@ std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadSt
   const std::string kind = source.substr(0, colon);
   const std::string name = source.substr(colon + 1);
   if (kind == "aravis") return open_aravis_camera(name, options, thread_start);
+  if (kind == "isio") return open_stream_camera(name, thread_start);
   if (kind == "sim") return open_simulated_camera(name, options.frame_rate_hz, thread_start);
   if (kind == "file") return open_file_camera(name, options.frame_rate_hz, thread_start);
   if (kind != "usb") refuse(source);
@@ -46,7 +48,9 @@ std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadSt
 }
 
 bool comes_and_goes(const CameraOptions& options) {
-  return options.source.rfind("aravis:", 0) == 0 || options.source.rfind("usb:", 0) == 0;
+  for (const char* kind : {"aravis:", "usb:", "isio:"})
+    if (options.source.rfind(kind, 0) == 0) return true;
+  return false;
 }
 
 }  // namespace curlew

@@ -12,7 +12,7 @@ namespace curlew {
 /// for a source or a setting that makes no sense.
 std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadStart& thread_start);
 
-/// Says whether the source is a device, which may be plugged in or switched on later, and not a
+/// Says whether the source is a device or another program's stream, which may come later, and not a
 /// file or the simulator.
 bool comes_and_goes(const CameraOptions& options);
 

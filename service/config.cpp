@@ -118,6 +118,13 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("recorder", "max_file_s", recorder.max_file_s, Range{1, 1e6});
   visit("recorder", "min_free_mb", recorder.min_free_mb, Range{0, 1e7});
   visit("recorder", "compress", recorder.compress, kNotNegative);
+  auto& publish = config.publish;
+  visit("publish", "streams", publish.streams, kNotNegative);
+  visit("publish", "prefix", publish.prefix, kNotNegative);
+  visit("publish", "folder", publish.folder, kNotNegative);
+  auto& metrics = config.metrics;
+  visit("metrics", "listen", metrics.listen, kNotNegative);
+  visit("metrics", "beyond_loopback", metrics.beyond_loopback, kNotNegative);
 }
 
 // The parser goes down one level of the stack for every level of nesting, and a dotted key nests

@@ -11,6 +11,8 @@
 #include "detect/circulation_finder.h"
 #include "detect/tracking/tracker_options.h"
 #include "reconstruct/split.h"
+#include "service/metrics/metrics_options.h"
+#include "service/publish/publish_options.h"
 #include "service/realtime/realtime.h"
 #include "service/recorder/recorder.h"
 
@@ -81,6 +83,8 @@ struct Config {
   CameraOptions camera;  ///< sections [camera], and [usb] in camera.usb
   RealtimeOptions realtime;
   RecorderOptions recorder;
+  PublishOptions publish;
+  MetricsOptions metrics;
 };
 
 /// Reads a TOML file over the defaults. Throws UsageError if the file is missing, its syntax is

@@ -44,6 +44,8 @@ int run(int argc, char** argv) {
   curlew::add_cameras(app);
   curlew::add_doctor(app);
   curlew::add_kernel(app);
+  curlew::add_convert(app);
+  curlew::add_export(app);
   if (argc > 1 && argv[1][0] != '-' && !is_command(app, argv[1]))
     throw curlew::UsageError("there is no command '" + std::string(argv[1]) +
                              "', see curlew --help");

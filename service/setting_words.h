@@ -28,6 +28,15 @@ inline constexpr std::array kTriggerWords = {
 inline constexpr std::array kRecordWords = {Word{"off", RecordMode::kOff},
                                             Word{"continuous", RecordMode::kContinuous},
                                             Word{"trigger", RecordMode::kTrigger}};
+inline constexpr std::array kStreamWords = {Word{"mask", PublishedStream::kMask},
+                                            Word{"slopes", PublishedStream::kSlopes},
+                                            Word{"flux", PublishedStream::kFlux},
+                                            Word{"phase", PublishedStream::kPhase},
+                                            Word{"whole_phase", PublishedStream::kWholePhase},
+                                            Word{"circulation", PublishedStream::kCirculation},
+                                            Word{"vortices", PublishedStream::kVortices},
+                                            Word{"zernike", PublishedStream::kZernike},
+                                            Word{"frame", PublishedStream::kFrame}};
 inline constexpr auto kCentroidWords = [] {
   std::array<Word<CentroidMethod>, kCentroidMethodNames.size()> words{};
   for (std::size_t i = 0; i < words.size(); ++i)
@@ -39,5 +48,6 @@ constexpr const auto& words_of(Threading) { return kThreadingWords; }
 constexpr const auto& words_of(DetectMethod) { return kDetectMethodWords; }
 constexpr const auto& words_of(Trigger) { return kTriggerWords; }
 constexpr const auto& words_of(RecordMode) { return kRecordWords; }
+constexpr const auto& words_of(PublishedStream) { return kStreamWords; }
 
 }  // namespace curlew

@@ -93,6 +93,7 @@ const std::array<Stage, kStageCount> kStages = {{
 
 Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config)
     : grid(affordable(sensor, config)),
+      optics(sensor.optics),
       centroid(sensor, format, config.centroid),
       slopes(sensor),
       detect(sensor, format, config),

@@ -35,6 +35,7 @@ struct Plan {
   Plan& operator=(const Plan&) = delete;
 
   LensletGrid grid;
+  Optics optics;
   std::optional<TrackerOptions> tracker;  ///< none: every frame is judged alone
   CentroidPlan centroid;
   // None: the level stays the calibration's, and no pixel is looked at for being sharp.

@@ -120,6 +120,15 @@ class TomlReader {
   }
   template <typename Enum>
   requires std::is_enum_v<Enum>
+  void read(const toml::node& node, const std::string& key, std::vector<Enum>& value,
+            Range range) const {
+    if (!node.is_array()) refuse(node, key, "a list of texts in quotes");
+    value.clear();
+    for (const toml::node& element : *node.as_array())
+      read(element, key, value.emplace_back(), range);
+  }
+  template <typename Enum>
+  requires std::is_enum_v<Enum>
   void read(const toml::node& node, const std::string& key, Enum& value, Range) const {
     std::string known;
     for (const auto& word : words_of(value)) {
@@ -218,9 +227,13 @@ class TomlWriter {
     }
     text_ << (values.empty() ? "}" : " }");
   }
-  void write(const std::vector<int>& values) {
+  template <typename Element>
+  void write(const std::vector<Element>& values) {
     text_ << "[";
-    for (std::size_t i = 0; i < values.size(); ++i) text_ << (i > 0 ? ", " : "") << values[i];
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      text_ << (i > 0 ? ", " : "");
+      write(values[i]);
+    }
     text_ << "]";
   }
 

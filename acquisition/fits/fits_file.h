@@ -34,6 +34,18 @@ struct ColumnSpec {
   std::string unit;   ///< empty if there is none
 };
 
+enum class RecordKind : std::uint8_t { kText, kInteger, kReal, kList };
+
+/// Describes a column of a table of one row, and its cell. A value of another kind, as an empty
+/// one, is none: an empty text or list, NaN, or kNoInteger.
+struct RecordField {
+  std::string name;
+  RecordKind kind = RecordKind::kReal;
+  std::string unit;  ///< empty if there is none
+  std::variant<std::monostate, std::string, std::int64_t, double, std::vector<double>> value;
+};
+inline constexpr std::int64_t kNoInteger = -32768;
+
 /// An integer goes in as int64_t, a real number as double. NaN is written as a key without value.
 using KeyValue = std::variant<bool, std::int64_t, double, std::string>;
 
@@ -126,6 +138,8 @@ class FitsFile {
   // Tables ----------------------------------------------------------------------------------
   /// Appends an empty binary table and selects it.
   void create_table(const std::string& name, std::span<const ColumnSpec> columns);
+  /// Appends a table of one row, or of none, and selects it. Lists have any length.
+  void create_record(const std::string& name, std::span<const RecordField> fields, bool with_row);
   /// Returns the number of rows. Throws Failure if the file is shorter than its header promises.
   std::int64_t row_count();
   /// Returns the number of rows that are really there, in a file that may be cut off; 0 if this is

@@ -10,6 +10,7 @@
 #include <span>
 #include <utility>
 
+#include "acquisition/recording/milk_recording.h"
 #include "acquisition/recording/pixel_range.h"
 #include "core/error.h"
 
@@ -200,6 +201,10 @@ void FitsSource::read_frame_table() {
     read("CAMERA_NS", table_.camera_ns);
     read("RECEIVED_NS", table_.received_ns);
     read("STATUS", table_.status);
+  } else if (auto times = read_milk_times(file.path())) {
+    table_.sequence = std::move(times->sequence);
+    table_.camera_ns = std::move(times->camera_ns);
+    table_.received_ns = std::move(times->received_ns);
   }
   file.select(cube_->hdus.front());
 }

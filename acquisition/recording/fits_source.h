@@ -26,8 +26,9 @@ namespace curlew {
 /// values are clipped. A frame without any finite pixel is delivered with kFrameIncomplete and
 /// makes no pixel bad.
 ///
-/// Frame headers come from the table FRAMES. If that is missing or short, the sequence counts on
-/// from the frame before (from 0), status is 0 and the times are unknown (0).
+/// Frame headers come from the table FRAMES, or from milk's text of times beside the file. Where
+/// those are missing or short, the sequence counts on from the frame before (from 0), status is 0
+/// and the times are unknown (0).
 class FitsSource : public FrameSource {
  public:
   /// selection: what is read of each file. Throws UsageError if no path is given. Throws Failure

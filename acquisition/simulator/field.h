@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "acquisition/simulator/zernike.h"
 #include "core/image.h"
+#include "core/zernike.h"
 
 namespace curlew {
 

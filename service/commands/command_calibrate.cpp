@@ -309,7 +309,8 @@ void add_calibrate(CLI::App& app) {
   command->add_option("--region", options->region,
                       "part of each frame to read: X,Y,W,H in px from 0 (default: key DATASEC)");
   command->add_option("--camera", options->camera,
-                      "camera to take the frames from: aravis:ID, usb:VID:PID or sim:PRESET");
+                      "camera to take the frames from: aravis:ID, usb:VID:PID, isio:NAME or "
+                      "sim:PRESET");
   command->add_option("--frames", options->frames, "how many frames to take from the camera")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();

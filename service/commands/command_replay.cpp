@@ -200,8 +200,9 @@ void add_replay(CLI::App& app) {
                       "part of each frame to read: X,Y,W,H in px from 0 (default: key DATASEC)");
   command->add_option("--out", options->out, "results file to write (FITS)");
   command
-      ->add_option("--save", options->save,
-                   "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation")
+      ->add_option(
+          "--save", options->save,
+          "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation,zernike")
       ->delimiter(',');
   command->add_option("--jsonl", options->jsonl, "file to write with one JSON object a frame");
   options->pipeline.add_to(*command);

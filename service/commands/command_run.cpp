@@ -67,9 +67,10 @@ void run_daemon(const RunCommand& options) {
 void add_run(CLI::App& app) {
   auto options = std::make_shared<RunCommand>();
   CLI::App* command = app.add_subcommand("run", "Watch a camera: the daemon");
-  command->add_option("--camera", options->camera,
-                      "camera: aravis:ID (or aravis: for the only one), usb:VID:PID, sim:PRESET or "
-                      "file:RECORDING.fits");
+  command->add_option(
+      "--camera", options->camera,
+      "camera: aravis:ID (or aravis: for the only one), usb:VID:PID, isio:NAME, sim:PRESET or "
+      "file:RECORDING.fits");
   command->add_option("--sensor", options->sensor,
                       "sensor file made by 'curlew calibrate'; sim: needs none");
   command->add_option("--frames", options->limits.frames, "how many results to end after")

@@ -28,5 +28,7 @@ void add_bench_track(CLI::App& bench);
 void add_cameras(CLI::App& app);
 void add_doctor(CLI::App& app);
 void add_kernel(CLI::App& app);
+void add_convert(CLI::App& app);
+void add_export(CLI::App& app);
 
 }  // namespace curlew

@@ -10,6 +10,7 @@
 #include "acquisition/open_camera.h"
 #include "acquisition/usb/usb_watcher.h"
 #include "core/error.h"
+#include "service/metrics/metrics_text.h"
 #include "service/program/interrupt.h"
 
 namespace curlew {
@@ -38,6 +39,11 @@ Daemon::Daemon(std::function<Config()> configure, DaemonLimits limits)
       connection_(pipeline_, status_, limits_) {
   const std::string control = pipeline_.config().daemon.control;
   if (!control.empty()) control_socket_ = std::make_unique<ControlSocket>(control);
+  const MetricsOptions metrics = pipeline_.config().metrics;
+  if (metrics.listen.empty()) return;
+  metrics_server_ = std::make_unique<MetricsServer>(
+      metrics, [this] { return metrics_text(status_.metrics(), status_.snapshot()); });
+  spdlog::info("metrics: answered at port {}", metrics_server_->port());
 }
 
 DaemonReport Daemon::run() {

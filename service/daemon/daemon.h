@@ -16,6 +16,7 @@
 #include "service/daemon/notify.h"
 #include "service/daemon/status_printer.h"
 #include "service/live_feed.h"
+#include "service/metrics/metrics_server.h"
 #include "service/pipeline.h"
 
 namespace curlew {
@@ -56,6 +57,7 @@ class Daemon {
   DaemonConnection connection_;
   Supervisor supervisor_;
   std::unique_ptr<ControlSocket> control_socket_;  ///< It is null where none is configured.
+  std::unique_ptr<MetricsServer> metrics_server_;  ///< It is null where none is configured.
   StatusPrinter printer_;
 };
 

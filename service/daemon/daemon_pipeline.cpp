@@ -2,6 +2,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <exception>
 #include <thread>
 #include <utility>
@@ -23,6 +24,24 @@ Sensor sensor_for(const Config& config) {
       "'curlew calibrate' makes one");
 }
 
+/// Returns the configuration with what its streams need.
+Config completed(Config config) {
+  const auto& streams = config.publish.streams;
+  config.split.hidden_phase |=
+      std::count(streams.begin(), streams.end(), PublishedStream::kWholePhase) > 0;
+  return config;
+}
+
+/// Throws Failure if the new sensor has other lenslets than the streams that are published.
+void check_streams(const Config& config, const LensletGrid& old, const LensletGrid& fresh) {
+  if (config.publish.streams.empty() || (old.rows == fresh.rows && old.cols == fresh.cols)) return;
+  throw Failure(
+      fmt::format("the published streams are of {} x {} lenslets, and the sensor file has {} x {}; "
+                  "start curlew "
+                  "again for it",
+                  old.cols, old.rows, fresh.cols, fresh.rows));
+}
+
 void log_recorder(const std::string& sentence) {
   const bool bad = sentence.rfind("recording stopped", 0) == 0;
   spdlog::log(bad ? spdlog::level::warn : spdlog::level::info, "{}", sentence);
@@ -34,7 +53,7 @@ void log_sections_that_wait(const Config& old, Config fresh) {
   fresh.daemon.sensor = old.daemon.sensor;
   for (const std::string& section : changed_sections(old, fresh))
     if (section == "pipeline" || section == "realtime" || section == "recorder" ||
-        section == "daemon")
+        section == "publish" || section == "metrics" || section == "daemon")
       spdlog::warn("reload: [{}] takes effect when curlew is started again", section);
     else if (section == "camera" || section == "usb")
       spdlog::info("reload: [{}] takes effect when the camera is connected again", section);
@@ -45,7 +64,7 @@ void log_sections_that_wait(const Config& old, Config fresh) {
 DaemonPipeline::DaemonPipeline(std::function<Config()> configure, DaemonStatus& status)
     : configure_(std::move(configure)),
       status_(status),
-      config_(configure_()),
+      config_(completed(configure_())),
       sensor_(sensor_for(config_)),
       placement_(config_.pipeline.cpus, config_.realtime.priority) {
   if (!config_.daemon.jsonl.empty())
@@ -63,6 +82,7 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
   if (format_ == format) return;
   format_.reset();  // Until everything fits the new format a reload makes no plan.
   pipeline_.reset();
+  streams_.reset();
   pending_plan_.reset();
   const std::unique_ptr<Recorder> old = std::move(recorder_);
   lock.unlock();
@@ -73,15 +93,19 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
   lock.lock();
   std::int64_t made_from = -1;
   std::unique_ptr<Pipeline> pipeline;
+  std::unique_ptr<StreamPublisher> streams;
   std::unique_ptr<Recorder> recorder;
   while (made_from != configurations_) {  // A reload meanwhile makes another round necessary.
     made_from = configurations_;
     const Config config = config_;
     const Sensor sensor = sensor_;
     lock.unlock();
-    pipeline =
-        std::make_unique<Pipeline>(std::make_shared<const Plan>(sensor, format, config),
-                                   config.pipeline, placement_.thread_start(), connections_before);
+    const auto plan = std::make_shared<const Plan>(sensor, format, config);
+    pipeline = std::make_unique<Pipeline>(plan, config.pipeline, placement_.thread_start(),
+                                          connections_before);
+    streams.reset();
+    if (!config.publish.streams.empty())
+      streams = std::make_unique<StreamPublisher>(config.publish, *plan, format);
     recorder.reset();
     if (config.recorder.mode != RecordMode::kOff)
       recorder = std::make_unique<Recorder>(config.recorder, format, sensor.optics, sensor.detector,
@@ -89,6 +113,7 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
     lock.lock();
   }
   pipeline_ = std::move(pipeline);
+  streams_ = std::move(streams);
   recorder_ = std::move(recorder);
   format_ = format;
   if (recorder_) status_.recorder_began(*recorder_);
@@ -99,6 +124,7 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
 void DaemonPipeline::run(LiveFeed& feed) {
   Publisher publisher;
   publisher.publish = [&](const FrameSlot& slot) {
+    if (streams_) streams_->publish(slot);
     if (recorder_) recorder_->add(*slot.frame, !slot.vortices.empty());
   };
   publisher.finish = [&, dropped_before = report_.dropped](const FrameSlot& slot,
@@ -120,13 +146,16 @@ void DaemonPipeline::run(LiveFeed& feed) {
 
 void DaemonPipeline::reload() {
   try {
-    Config config = configure_();
+    Config config = completed(configure_());
     Sensor sensor = sensor_for(config);
     std::unique_lock lock(mutex_);
+    check_streams(config_, sensor_.grid, sensor.grid);
     log_sections_that_wait(config_, config);
     config.pipeline = config_.pipeline;
     config.realtime = config_.realtime;
     config.recorder = config_.recorder;
+    config.publish = config_.publish;
+    config.metrics = config_.metrics;
     std::optional<FrameFormat> format;
     std::shared_ptr<const Plan> plan;
     do {  // Another camera, connected meanwhile, makes another round necessary.

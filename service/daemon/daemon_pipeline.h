@@ -15,6 +15,7 @@
 #include "service/daemon/daemon_status.h"
 #include "service/live_feed.h"
 #include "service/pipeline.h"
+#include "service/publish/stream_publisher.h"
 #include "service/recorder/recorder.h"
 #include "service/results/result_writer.h"
 #include "service/thread_placement.h"
@@ -74,11 +75,12 @@ class DaemonPipeline {
   std::shared_ptr<const Plan> pending_plan_;  ///< The pipeline has not adopted this plan yet.
 
   ThreadPlacement placement_;
-  // prepare() changes these two under the mutex. run() uses them without it, because the same
+  // prepare() changes these three under the mutex. run() uses them without it, because the same
   // thread calls both.
   std::unique_ptr<Pipeline> pipeline_;
-  std::unique_ptr<Recorder> recorder_;    ///< It is null where nothing is recorded.
-  std::unique_ptr<ResultWriter> writer_;  ///< It is null where no JSON lines are written.
+  std::unique_ptr<Recorder> recorder_;        ///< It is null where nothing is recorded.
+  std::unique_ptr<StreamPublisher> streams_;  ///< It is null where nothing is published.
+  std::unique_ptr<ResultWriter> writer_;      ///< It is null where no JSON lines are written.
   RunReport report_;
 };
 

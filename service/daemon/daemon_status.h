@@ -11,6 +11,7 @@
 #include "acquisition/camera.h"
 #include "core/frame_exchange.h"
 #include "service/daemon/live_statistics.h"
+#include "service/metrics/live_metrics.h"
 #include "service/recorder/recorder.h"
 #include "service/stages.h"
 
@@ -74,10 +75,12 @@ class DaemonStatus {
   /// Only the publisher's thread calls this, once a frame. It never waits, locks or allocates.
   void result_published(const FrameSlot& slot) noexcept {
     statistics_.add(slot);
+    metrics_.add(slot);
     results_.fetch_add(1, std::memory_order_relaxed);
   }
 
   StatusSnapshot snapshot() const;
+  const LiveMetrics& metrics() const { return metrics_; }
 
   /// Always the same thread calls this, once a second. By what the last seconds were like, the
   /// daemon goes from streaming to degraded or back. Returns the status after that.
@@ -90,6 +93,7 @@ class DaemonStatus {
   void judge(const StatusSnapshot& now);
 
   LiveStatistics statistics_;
+  LiveMetrics metrics_;
   std::atomic<std::int64_t> results_{0};
 
   mutable std::mutex mutex_;  // It guards everything below.

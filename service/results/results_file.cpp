@@ -82,9 +82,12 @@ SaveOptions save_options_from(const std::vector<std::string>& words) {
       save.solenoidal = true;
     } else if (word == "circulation") {
       save.circulation = true;
+    } else if (word == "zernike") {
+      save.zernike = true;
     } else {
-      throw UsageError("--save: '" + word +
-                       "' is none of slopes, flux, phase, whole_phase, solenoidal, circulation");
+      throw UsageError(
+          "--save: '" + word +
+          "' is none of slopes, flux, phase, whole_phase, solenoidal, circulation, zernike");
     }
   }
   return save;
@@ -149,6 +152,7 @@ ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOp
   add_cube(save.phase, "PHASE", "rad", {rows, cols}, phase_plane);
   add_cube(save.whole_phase, "WHOLE_PHASE", "rad", {rows, cols}, whole_phase_plane);
   add_cube(save.solenoidal, "SOLENOIDAL", "rad", {2, rows, cols}, solenoidal_plane);
+  if (save.zernike) modes_ = std::make_unique<ModeResults>(plan);
   add_cube(save.circulation, "CIRCULATION", "rad", {rows - 1, cols - 1}, circulation_plane);
 }
 
@@ -158,6 +162,7 @@ void ResultsFile::add(const FrameSlot& slot) {
     if (frames_ >= cube.planes) file_.resize_planes(cube.planes = 2 * frames_ + 1);
     file_.write_pixels<float>(frames_ * cube.plane_elements, cube.plane(slot));
   }
+  if (modes_) modes_->add(slot);
   ++frames_;
   const std::int64_t frame = slot.frame_index;
   const FrameHeader& header = slot.frame->header;
@@ -193,6 +198,7 @@ void ResultsFile::commit() {
   vortex_table_.write(file_);
   hole_table_.write(file_);
   latency_table_.write(file_);
+  if (modes_) modes_->write(file_);
   file_.commit();
 }
 

@@ -2,11 +2,13 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "acquisition/fits/fits_file.h"
 #include "service/results/memory_table.h"
+#include "service/results/mode_results.h"
 #include "service/stages.h"
 
 namespace curlew {
@@ -19,10 +21,11 @@ struct SaveOptions {
   bool whole_phase = false;  ///< only for plans with a hidden phase
   bool solenoidal = false;
   bool circulation = false;
+  bool zernike = false;  ///< the coefficients, and the tables that go with them
 };
 
-/// Makes the options from some of the words slopes, flux, phase, whole_phase, solenoidal and
-/// circulation. Throws UsageError, which names an unknown word.
+/// Makes the options from some of the words slopes, flux, phase, whole_phase, solenoidal,
+/// circulation and zernike. Throws UsageError, which names an unknown word.
 SaveOptions save_options_from(const std::vector<std::string>& words);
 
 /// Writes the images frame by frame, and the tables, which are kept in memory, at commit(). Without
@@ -54,6 +57,7 @@ class ResultsFile {
   MemoryTable vortex_table_;
   MemoryTable hole_table_;
   MemoryTable latency_table_;
+  std::unique_ptr<ModeResults> modes_;  ///< null if they are not saved
 };
 
 }  // namespace curlew

@@ -190,4 +190,18 @@ rm /var/lib/curlew/recording.fits
 purge
 [ "$(traces)" = "$before" ] || { traces; fail "left behind"; }
 quietly dpkg --audit
+
+echo "== python3-curlew"
+python_deb=$(echo python3-curlew_*_all.deb)
+dpkg-deb -c "$python_deb" | awk '$1 !~ /^d/ {print $2, $6}'
+if dpkg-deb -c "$python_deb" | grep pycache; then fail "byte code is packed"; fi
+for file in $(dpkg-deb -c "$python_deb" | awk '$1 !~ /^d/ {print $6}'); do
+  [[ $file == ./usr/lib/python3/dist-packages/curlew/* ]] || fail "$file is out of place"
+done
+if dpkg-query -W python3-astropy >/dev/null 2>&1; then
+  quietly dpkg -i "$python_deb"
+  quietly /usr/bin/python3 -c 'import curlew; curlew.Stream, curlew.read_results'
+  quietly dpkg --purge python3-curlew
+  [ "$(traces)" = "$before" ] || { traces; fail "left behind by python3-curlew"; }
+fi
 echo "== passed"

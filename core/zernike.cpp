@@ -1,4 +1,4 @@
-#include "acquisition/simulator/zernike.h"
+#include "core/zernike.h"
 
 #include <cmath>
 #include <complex>

@@ -1,0 +1,79 @@
+#include "service/results/mode_results.h"
+
+#include <cmath>
+#include <numbers>
+
+namespace curlew {
+namespace {
+
+/// Seven radial orders.
+constexpr int kLastNoll = 36;
+
+Image<std::uint8_t> lit_lenslets(const Lattice& lattice) {
+  Image<std::uint8_t> lit(lattice.rows(), lattice.cols());
+  for (std::size_t k = 0; k < lit.size(); ++k)
+    lit[k] = lattice.phase_group_of(static_cast<int>(k)) >= 0 ? 1 : 0;
+  return lit;
+}
+
+}  // namespace
+
+ModePlan modes_of(const Plan& plan) { return {lit_lenslets(plan.split.lattice()), kLastNoll}; }
+
+ModeResults::ModeResults(const Plan& plan)
+    : plan_(modes_of(plan)),
+      fit_(plan_),
+      wavelength_m_(plan.optics.wavelength_m),
+      wavefront_("WAVEFRONT", {{"FRAME", 'K', ""},
+                               {"RMS_RAD", 'D', "rad"},
+                               {"RMS_NM", 'D', "nm"},
+                               {"PV_RAD", 'D', "rad"},
+                               {"PV_NM", 'D', "nm"},
+                               {"STREHL", 'D', ""},
+                               {"TILT_X_WAVES", 'D', ""},
+                               {"TILT_Y_WAVES", 'D', ""},
+                               {"CURVATURE_WAVES", 'D', ""}}) {}
+
+void ModeResults::add(const FrameSlot& slot) {
+  fit_.fit(slot.slopes);
+  const Eigen::VectorXd& c = fit_.coefficients();
+  for (const double coefficient : c) coefficients_.push_back(static_cast<float>(coefficient));
+  const WavefrontFigures figures = measure_wavefront(slot.split.phase, slot.slopes.valid);
+  // From rim to rim of the disc Z2 and Z3 go from −2 to 2, and from centre to rim Z4 by 2√3. Over
+  // an annulus of inner radius ε the modes are Z2/√(1 + ε²) and Z4/(1 − ε²), but for the piston.
+  const double e2 = plan_.pupil().obscuration * plan_.pupil().obscuration;
+  const double waves = 1.0 / (2.0 * std::numbers::pi);
+  const double tilt = 4.0 * waves / std::sqrt(1.0 + e2);
+  const double sag = 2.0 * std::sqrt(3.0) * waves / (1.0 - e2);
+  const auto mode = [&](Eigen::Index i) {
+    return i < c.size() ? c[i] : std::numeric_limits<double>::quiet_NaN();
+  };
+  wavefront_.append(slot.frame_index, figures.rms_rad, nm_of(figures.rms_rad, wavelength_m_),
+                    figures.peak_to_valley_rad, nm_of(figures.peak_to_valley_rad, wavelength_m_),
+                    figures.strehl(), tilt * mode(0), tilt * mode(1), sag * mode(2));
+}
+
+void ModeResults::write(FitsFile& file) const {
+  const std::int64_t modes = plan_.modes();
+  const std::int64_t frames =
+      modes > 0 ? static_cast<std::int64_t>(coefficients_.size()) / modes : 0;
+  file.create_image(ElementType::kF32, {frames, modes}, "ZERNIKE", "rad");
+  const ZernikePupil& pupil = plan_.pupil();
+  file.write_key("ZERNX", pupil.x, "centre of the pupil, lenslet units");
+  file.write_key("ZERNY", pupil.y, "centre of the pupil, lenslet units");
+  file.write_key("ZERNR", pupil.radius, "radius of the pupil, pitches");
+  file.write_key("ZERNEPS", pupil.obscuration, "inner radius over radius; 0: disc");
+  if (frames > 0) file.write_pixels<float>(0, coefficients_);
+  MemoryTable names("ZERNIKE_MODES", {{"NOLL", 'J', ""}, {"N", 'J', ""}, {"M", 'J', ""}});
+  for (int i = 0; i < plan_.modes(); ++i) {
+    const Zernike& zernike = plan_.zernike(i);
+    // Noll's odd indices are the sines, which have a negative m in OSA's numbering.
+    const int noll = i + 2;
+    const int m = zernike.azimuthal_order();
+    names.append(noll, zernike.radial_order(), noll % 2 == 0 ? m : -m);
+  }
+  names.write(file);
+  wavefront_.write(file);
+}
+
+}  // namespace curlew

@@ -1,0 +1,49 @@
+#include "service/results/wavefront_figures.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+namespace curlew {
+
+double WavefrontFigures::strehl() const { return std::exp(-rms_rad * rms_rad); }
+
+WavefrontFigures measure_wavefront(const Image<float>& phase_rad,
+                                   const Image<std::uint8_t>& valid) {
+  constexpr double kUnknownFigure = std::numeric_limits<double>::quiet_NaN();
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d right = Eigen::Vector3d::Zero();
+  const auto for_each = [&](auto&& act) {
+    for (int row = 0; row < valid.rows(); ++row)
+      for (int col = 0; col < valid.cols(); ++col)
+        if (valid(row, col) != 0)
+          act(Eigen::Vector3d(1.0, col, row), static_cast<double>(phase_rad(row, col)));
+  };
+  for_each([&](const Eigen::Vector3d& place, double phase) {
+    normal += place * place.transpose();
+    right += phase * place;
+  });
+  const double count = normal(0, 0);
+  const Eigen::FullPivLU<Eigen::Matrix3d> solver(normal);
+  if (count < 3.0 || !solver.isInvertible()) return {kUnknownFigure, kUnknownFigure};
+  const Eigen::Vector3d plane = solver.solve(right);
+  double sum = 0.0;
+  double low = std::numeric_limits<double>::infinity();
+  double high = -low;
+  for_each([&](const Eigen::Vector3d& place, double phase) {
+    const double residual = phase - plane.dot(place);
+    sum += residual * residual;
+    low = std::min(low, residual);
+    high = std::max(high, residual);
+  });
+  return {std::sqrt(sum / count), high - low};
+}
+
+double nm_of(double rad, double wavelength_m) {
+  constexpr double kNmPerM = 1e9;
+  return rad / (2.0 * std::numbers::pi) * wavelength_m * kNmPerM;
+}
+
+}  // namespace curlew

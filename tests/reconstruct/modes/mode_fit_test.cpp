@@ -1,0 +1,151 @@
+// Zernike coefficients of wavefronts whose coefficients are known.
+#include "reconstruct/modes/mode_fit.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <random>
+
+namespace curlew {
+namespace {
+
+/// A phase in rad at a place in lenslet units.
+using Phase = std::function<double(double, double)>;
+
+/// Returns the mean gradients over the lenslets of a phase, by its differences across the squares.
+SlopeField slopes_of(const Phase& phase, const Image<std::uint8_t>& valid) {
+  constexpr int kPoints = 400;
+  SlopeField slopes(valid.rows(), valid.cols());
+  slopes.valid = valid;
+  for (int row = 0; row < valid.rows(); ++row)
+    for (int col = 0; col < valid.cols(); ++col) {
+      if (valid(row, col) == 0) continue;
+      double x = 0.0;
+      double y = 0.0;
+      for (int i = 0; i < kPoints; ++i) {
+        const double along = (i + 0.5) / kPoints - 0.5;
+        x += phase(col + 0.5, row + along) - phase(col - 0.5, row + along);
+        y += phase(col + along, row + 0.5) - phase(col + along, row - 0.5);
+      }
+      slopes.x(row, col) = static_cast<float>(x / kPoints);
+      slopes.y(row, col) = static_cast<float>(y / kPoints);
+    }
+  return slopes;
+}
+
+Image<std::uint8_t> ring(int n, double outer, double inner) {
+  Image<std::uint8_t> valid(n, n);
+  const double centre = 0.5 * (n - 1);
+  for (int row = 0; row < n; ++row)
+    for (int col = 0; col < n; ++col) {
+      const double distance = std::hypot(row - centre, col - centre);
+      valid(row, col) = distance <= outer && distance >= inner ? 1 : 0;
+    }
+  return valid;
+}
+
+Phase mode(int noll, const ZernikePupil& pupil) {
+  return [z = Zernike(noll), pupil](double x, double y) {
+    return z((x - pupil.x) / pupil.radius, (y - pupil.y) / pupil.radius);
+  };
+}
+
+void expect_only(const Eigen::VectorXd& coefficients, int noll, double tolerance) {
+  for (Eigen::Index i = 0; i < coefficients.size(); ++i)
+    EXPECT_NEAR(coefficients[i], i + 2 == noll ? 1.0 : 0.0, tolerance) << "Noll " << i + 2;
+}
+
+// The tolerance is that of slopes kept in float.
+constexpr double kFloat = 1e-5;
+
+TEST(ModeFits, EveryModeOfADiscIsFoundAlone) {
+  const Image<std::uint8_t> valid = ring(16, 8.0, 0.0);
+  const ModePlan plan(valid, 36);
+  ASSERT_EQ(plan.modes(), 35);
+  EXPECT_EQ(plan.pupil().radius, 8.0);
+  EXPECT_EQ(plan.pupil().obscuration, 0.0);
+  ModeFit fit(plan);
+  for (int noll = 2; noll <= 36; ++noll) {
+    ASSERT_TRUE(fit.fit(slopes_of(mode(noll, plan.pupil()), valid)));
+    expect_only(fit.coefficients(), noll, kFloat);
+  }
+}
+
+TEST(ModeFits, FadedLensletsChangeNothing) {
+  const Image<std::uint8_t> valid = ring(16, 8.0, 0.0);
+  const ModePlan plan(valid, 36);
+  ModeFit fit(plan);
+  std::mt19937 random(7);
+  for (const int noll : {2, 4, 11, 36}) {
+    SlopeField slopes = slopes_of(mode(noll, plan.pupil()), valid);
+    for (std::uint8_t& lenslet : slopes.valid)
+      if (random() % 4 == 0) lenslet = 0;
+    ASSERT_TRUE(fit.fit(slopes));
+    expect_only(fit.coefficients(), noll, 10 * kFloat);
+  }
+  ASSERT_TRUE(fit.fit(slopes_of(mode(5, plan.pupil()), valid))) << "all lenslets are back";
+  expect_only(fit.coefficients(), 5, kFloat);
+}
+
+// The annular polynomials are Mahajan's, J. Opt. Soc. Am. 71, 75, Table I.
+TEST(ModeFits, AnAnnulusHasModesOfItsOwn) {
+  const Image<std::uint8_t> valid = ring(20, 10.0, 3.0);
+  const ModePlan plan(valid, 36);
+  const ZernikePupil& pupil = plan.pupil();
+  EXPECT_NEAR(pupil.obscuration, 0.3, 0.03);
+  const double e2 = pupil.obscuration * pupil.obscuration;
+  const auto squared = [&](double x, double y) {
+    return (std::pow(x - pupil.x, 2) + std::pow(y - pupil.y, 2)) / std::pow(pupil.radius, 2);
+  };
+  ModeFit fit(plan);
+  const Phase tilt = [&](double x, double) {
+    return 2.0 * (x - pupil.x) / pupil.radius / std::sqrt(1.0 + e2);
+  };
+  ASSERT_TRUE(fit.fit(slopes_of(tilt, valid)));
+  expect_only(fit.coefficients(), 2, kFloat);
+  const Phase defocus = [&](double x, double y) {
+    return std::sqrt(3.0) * (2.0 * squared(x, y) - 1.0 - e2) / (1.0 - e2);
+  };
+  ASSERT_TRUE(fit.fit(slopes_of(defocus, valid)));
+  expect_only(fit.coefficients(), 4, kFloat);
+  const Phase spherical = [&](double x, double y) {
+    const double r2 = squared(x, y);
+    return std::sqrt(5.0) * (6.0 * r2 * r2 - 6.0 * (1.0 + e2) * r2 + 1.0 + 4.0 * e2 + e2 * e2) /
+           std::pow(1.0 - e2, 2);
+  };
+  ASSERT_TRUE(fit.fit(slopes_of(spherical, valid)));
+  expect_only(fit.coefficients(), 11, kFloat);
+}
+
+TEST(ModeFits, ASquarePupilHasTheDiscThroughItsCorners) {
+  const Image<std::uint8_t> valid(12, 16, 1);
+  const ModePlan plan(valid, 36);
+  EXPECT_NEAR(plan.pupil().radius, 10.0, 1e-12);
+  ModeFit fit(plan);
+  for (const int noll : {2, 3, 8, 36}) {
+    ASSERT_TRUE(fit.fit(slopes_of(mode(noll, plan.pupil()), valid)));
+    expect_only(fit.coefficients(), noll, 10 * kFloat);
+  }
+}
+
+TEST(ModeFits, FewLensletsTellFewModesOrNone) {
+  const ModePlan small(ring(5, 2.5, 0.0), 36);
+  EXPECT_EQ(small.modes(), 9) << "21 lenslets are enough for three orders";
+  ModeFit fit(small);
+  SlopeField slopes = slopes_of(mode(4, small.pupil()), ring(5, 2.5, 0.0));
+  slopes.valid.fill(0);
+  EXPECT_FALSE(fit.fit(slopes));
+  EXPECT_TRUE(fit.coefficients().array().isNaN().all());
+  slopes.valid(2, 2) = slopes.valid(2, 3) = 1;
+  EXPECT_FALSE(fit.fit(slopes));
+  Image<std::uint8_t> one(3, 3);
+  one(1, 1) = 1;
+  const ModePlan none(one, 36);
+  EXPECT_EQ(none.modes(), 0);
+  EXPECT_FALSE(ModeFit(none).fit(SlopeField(3, 3)));
+}
+
+}  // namespace
+}  // namespace curlew
