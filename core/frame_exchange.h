@@ -9,6 +9,7 @@
 
 #include "core/frame.h"
 #include "core/slot_queue.h"
+#include "core/wakeup.h"
 
 namespace curlew {
 
