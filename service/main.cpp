@@ -7,6 +7,7 @@
 #include "core/error.h"
 #include "service/commands/commands.h"
 #include "service/program/interrupt.h"
+#include "service/program/outputs.h"
 #include "service/program/version.h"
 
 namespace {
@@ -21,7 +22,7 @@ bool is_command(const CLI::App& app, const std::string& word) {
 
 int complain(const std::exception& error, int exit_code) {
   std::fflush(stdout);
-  std::fprintf(stderr, "curlew: %s\n", error.what());
+  curlew::complain(error.what());
   return exit_code;
 }
 
@@ -57,6 +58,8 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  curlew::fill_standard_descriptors();
+  curlew::make_standard_output_interruptible();
   try {
     return run(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -64,7 +67,7 @@ int main(int argc, char** argv) {
   } catch (const curlew::UsageError& error) {
     return complain(error, kExitUsage);
   } catch (const std::bad_alloc&) {
-    std::fprintf(stderr, "curlew: out of memory; use smaller frames or fewer slots\n");
+    curlew::complain("out of memory; use smaller frames or fewer slots");
     return kExitFailure;
   } catch (const std::exception& error) {
     return complain(error, kExitFailure);

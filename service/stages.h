@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 
 #include "centroiding/centroid.h"
 #include "centroiding/frame_level.h"
@@ -31,6 +32,12 @@ struct Plan {
   Plan(const Sensor& sensor, const FrameFormat& format, const Config& config);
   Plan(const Plan&) = delete;
   Plan& operator=(const Plan&) = delete;
+
+  /// What it was made from. Files that are made with the plan carry these.
+  Config config;
+  Optics optics;
+  Detector detector;
+  std::string sensor_hash;
 
   LensletGrid grid;
   std::optional<TrackerOptions> tracker;  ///< none: every frame is judged alone
