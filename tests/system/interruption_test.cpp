@@ -217,7 +217,7 @@ TEST_F(Interruption, AWallClockThatIsSetDisturbsNothing) {
     pings();
     const std::int64_t results = status("results");
     const std::int64_t recorded = status("recorded");
-    std::this_thread::sleep_for(milliseconds(1000));
+    std::this_thread::sleep_for(milliseconds(700));
     EXPECT_GE(pings(), 2);
     EXPECT_GT(status("results"), results + 20);
     EXPECT_GT(status("recorded"), recorded);
