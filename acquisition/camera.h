@@ -26,6 +26,9 @@ struct FrameCounts {
   std::int64_t other = 0;       ///< frames with any other status that is not success
   std::int64_t lost = 0;        ///< frames whose numbers never came
   std::int64_t no_buffer = 0;   ///< those lost frames for which no buffer was free
+  /// Packets that a network camera's socket refused, because others sent them or they were
+  /// malformed, or for want of room. They are no frames.
+  std::int64_t refused_packets = 0;
 
   FrameCounts& operator+=(const FrameCounts& more) {
     delivered += more.delivered;
@@ -36,6 +39,7 @@ struct FrameCounts {
     other += more.other;
     lost += more.lost;
     no_buffer += more.no_buffer;
+    refused_packets += more.refused_packets;
     return *this;
   }
   /// Returns how many frames were not delivered.

@@ -11,6 +11,7 @@
 #include "core/frame.h"
 #include "core/memory_limit.h"
 #include "core/slot_queue.h"
+#include "core/wakeup.h"
 
 namespace curlew {
 

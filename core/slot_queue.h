@@ -3,29 +3,15 @@
 #pragma once
 
 #include <concurrentqueue/concurrentqueue.h>
-#include <concurrentqueue/lightweightsemaphore.h>
 
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <thread>
 
+#include "core/wakeup.h"
+
 namespace curlew {
-
-/// Lets one thread wait for signals from any thread. It spins for a bounded time, then parks.
-class Wakeup {
- public:
-  void signal() noexcept { semaphore_.signal(); }
-  void wait() noexcept { semaphore_.wait(); }
-  /// Returns false if no signal came within timeout_us. With timeout_us 0 it only looks.
-  bool wait_for(std::int64_t timeout_us) noexcept {
-    return timeout_us > 0 ? semaphore_.wait(timeout_us) : semaphore_.tryWait();
-  }
-
- private:
-  static constexpr int kSpins = 2000;  // about 10 µs
-  moodycamel::LightweightSemaphore semaphore_{0, kSpins};
-};
 
 /// A queue, first in, first out, for one producer thread and one consumer thread. It is lock-free
 /// and allocates only when made. pop() spins for a bounded time and then parks, because the kernel

@@ -6,6 +6,7 @@ curlew=${CURLEW:-build/release/curlew}
 python=${PYTHON:-/usr/bin/python3}
 out=${1:-demo}
 mkdir -p "$out"
+rm -f "$out"/{reference,sensor,beam,results}.fits "$out"/vortices.jsonl
 
 run() {
   printf '\n$ curlew %s\n' "$*"

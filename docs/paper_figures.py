@@ -110,13 +110,14 @@ class Sensor:
                    "--read-noise-e", 0.01, "--config", "known_level.toml", "--out", f"sensor{lenslets}.fits")
 
     def simulate(self, preset, options, out):
-        self.curlew.run("simulate", "--preset", preset, *self.shape, *options, "--out", out)
+        self.curlew.run("simulate", "--preset", preset, *self.shape, *options, "--force", "--out", out)
 
     def circulation(self, recording):
         """D [frames, rows − 1, cols − 1] of a recording."""
         out = "results_" + recording
         self.curlew.run("replay", recording, "--sensor", f"sensor{self.lenslets}.fits",
-                        "--config", "known_level.toml", "--save", "circulation", "--out", out)
+                        "--config", "known_level.toml", "--save", "circulation", "--force",
+                        "--out", out)
         with fits.open(self.curlew.path(out)) as file:
             return np.asarray(file["CIRCULATION"].data, float)
 

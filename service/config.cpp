@@ -7,12 +7,12 @@
 #include <filesystem>
 #include <fstream>
 #include <set>
-#include <sstream>
 #include <utility>
 
 #include "centroiding/centroid_methods.h"
 #include "core/error.h"
 #include "service/program/hash.h"
+#include "service/program/version.h"
 #include "service/setting_words.h"
 #include "service/toml_settings.h"
 
@@ -64,6 +64,11 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   auto& daemon = config.daemon;
   visit("daemon", "sensor", daemon.sensor, kNotNegative);
   visit("daemon", "jsonl", daemon.jsonl, kNotNegative);
+  visit("daemon", "jsonl_max_mb", daemon.lines.max_mb, Range{0, 1e6});
+  visit("daemon", "jsonl_max_s", daemon.lines.max_s, Range{0, 1e7});
+  visit("daemon", "jsonl_keep_files", daemon.lines.keep_files, Range{0, 1000});
+  visit("daemon", "jsonl_every_nth", daemon.lines.every_nth, Range{1, 1e9});
+  visit("daemon", "jsonl_vortices_only", daemon.lines.vortices_only, kNotNegative);
   visit("daemon", "control", daemon.control, kNotNegative);
   visit("daemon", "log_level", daemon.log_level, kNotNegative);
   auto& camera = config.camera;
@@ -113,6 +118,8 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("recorder", "before_s", recorder.before_s, Range{0, 1e6});
   visit("recorder", "after_s", recorder.after_s, Range{0, 1e6});
   visit("recorder", "trigger_on_vortex", recorder.trigger_on_vortex, kNotNegative);
+  visit("recorder", "trigger_min_probability", recorder.trigger_min_probability, kFraction);
+  visit("recorder", "trigger_tracked_only", recorder.trigger_tracked_only, kNotNegative);
   visit("recorder", "memory_mb", recorder.memory_mb, Range{1, 1e6});
   visit("recorder", "max_file_mb", recorder.max_file_mb, Range{1, 1e6});
   visit("recorder", "max_file_s", recorder.max_file_s, Range{1, 1e6});
@@ -192,10 +199,14 @@ std::set<std::string> changed_sections(const Config& a, const Config& b) {
   return changed;
 }
 
-std::string config_hash(const Config& config) {
-  std::ostringstream text;
-  text << std::hex << fnv1a(config_text(config));
-  return text.str();
+std::string config_hash(const Config& config) { return hash_text(config_text(config)); }
+
+Provenance provenance_of(const Config& config) {
+  Provenance provenance(kProgram);
+  provenance.configuration_hash = config_hash(config);
+  provenance.history = lines_of(config_text(config));
+  provenance.history.insert(provenance.history.begin(), "configuration (TOML), all settings:");
+  return provenance;
 }
 
 template <typename Enum>

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "acquisition/camera_options.h"
+#include "acquisition/recording/provenance.h"
 #include "centroiding/centroid.h"
 #include "detect/circulation_finder.h"
 #include "detect/tracking/tracker_options.h"
@@ -15,6 +16,7 @@
 #include "service/publish/publish_options.h"
 #include "service/realtime/realtime.h"
 #include "service/recorder/recorder.h"
+#include "service/results/growing_lines.h"
 
 namespace curlew {
 
@@ -67,7 +69,8 @@ struct SplitSettings : SplitOptions {
 /// Section [daemon]: what only `curlew run` needs.
 struct DaemonOptions {
   std::string sensor;              ///< the sensor file made by `curlew calibrate`
-  std::string jsonl;               ///< the file that gets one JSON object a frame; empty: none
+  std::string jsonl;               ///< where one JSON object a frame goes; empty: nowhere
+  JsonLinesOptions lines;          ///< which frames get one, and when a new file begins
   std::string control;             ///< the socket for `curlew control`; empty: none
   std::string log_level = "info";  ///< debug, info, warning or error
 };
@@ -100,6 +103,10 @@ std::set<std::string> changed_sections(const Config& a, const Config& b);
 
 /// Returns the 64-bit FNV-1a hash of config_text, in hexadecimal.
 std::string config_hash(const Config& config);
+
+/// Returns what a file made with this configuration says of its origin: this program, the
+/// configuration's hash and its text.
+Provenance provenance_of(const Config& config);
 
 /// Returns the setting that a word of the configuration stands for. It exists for Threading and
 /// DetectMethod. Throws UsageError, which names `where`, if no setting has this word.

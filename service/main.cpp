@@ -8,6 +8,7 @@
 #include "core/error.h"
 #include "service/commands/commands.h"
 #include "service/program/interrupt.h"
+#include "service/program/outputs.h"
 #include "service/program/version.h"
 
 namespace {
@@ -22,11 +23,7 @@ bool is_command(const CLI::App& app, const std::string& word) {
 
 int complain(const std::exception& error, int exit_code) {
   std::fflush(stdout);
-  // What a file or a name holds must not command the terminal, nor look like another line.
-  std::string sentence = error.what();
-  for (char& c : sentence)
-    if ((c >= '\0' && c < ' ') || c == '\x7f') c = '?';
-  std::fprintf(stderr, "curlew: %s\n", sentence.c_str());
+  curlew::complain(error.what());
   return exit_code;
 }
 
@@ -64,7 +61,9 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  curlew::fill_standard_descriptors();
   curlew::serve_unpacking_if_asked(argc, argv);
+  curlew::make_standard_output_interruptible();
   try {
     return run(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -72,7 +71,7 @@ int main(int argc, char** argv) {
   } catch (const curlew::UsageError& error) {
     return complain(error, kExitUsage);
   } catch (const std::bad_alloc&) {
-    std::fprintf(stderr, "curlew: out of memory; use smaller frames or fewer slots\n");
+    curlew::complain("out of memory; use smaller frames or fewer slots");
     return kExitFailure;
   } catch (const std::exception& error) {
     return complain(error, kExitFailure);

@@ -104,15 +104,8 @@ Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
 }
 
 std::unique_ptr<Pipeline::SlotSet> Pipeline::make_slots(std::shared_ptr<const Plan> plan) {
-  // Each set has 2^40 track numbers of its own, so none is given twice.
-  constexpr int kTracksOfASet = 40;
   auto set = std::make_unique<SlotSet>();
-  if (plan->tracker) {
-    set->tracker = std::make_unique<VortexTracker>(*plan->tracker, plan->grid.rows, plan->grid.cols,
-                                                   plan->detect.candidate_capacity());
-    set->tracker->number_from(sets_made_ << kTracksOfASet);
-  }
-  if (plan->follower) set->follower = std::make_unique<WindowFollower>(*plan->follower);
+  make_state(*plan, *set);
   ++sets_made_;
   const std::size_t slots = options_.threads == Threading::kInline ? 1 : options_.slots;
   for (std::size_t i = 0; i < slots; ++i)
@@ -120,6 +113,29 @@ std::unique_ptr<Pipeline::SlotSet> Pipeline::make_slots(std::shared_ptr<const Pl
         std::make_unique<FrameSlot>(*plan, set->follower.get(), set->tracker.get()));
   set->plan = std::move(plan);
   return set;
+}
+
+/// Takes over from the set before what the new plan does not concern. The stage that a state
+/// belongs to works on all frames of the old set before those of the new one.
+void Pipeline::make_state(const Plan& plan, SlotSet& set) const {
+  const SlotSet* before = sets_.empty() ? nullptr : sets_.back().get();
+  if (before != nullptr && before->plan->sensor_hash != plan.sensor_hash) before = nullptr;
+  const auto keeps = [&](const std::string& section) {
+    return before != nullptr &&
+           !changed_sections(before->plan->config, plan.config).contains(section);
+  };
+  if (plan.follower) {
+    if (keeps("centroid")) set.follower = before->follower;
+    if (!set.follower) set.follower = std::make_shared<WindowFollower>(*plan.follower);
+  }
+  if (!plan.tracker) return;
+  if (keeps("track")) set.tracker = before->tracker;
+  if (set.tracker) return;
+  // Each tracker has 2^40 track numbers of its own, so none is given twice.
+  constexpr int kTracksOfASet = 40;
+  set.tracker = std::make_shared<VortexTracker>(*plan.tracker, plan.grid.rows, plan.grid.cols,
+                                                plan.detect.candidate_capacity());
+  set.tracker->number_from(sets_made_ << kTracksOfASet);
 }
 
 bool Pipeline::adopt(std::shared_ptr<const Plan> plan) {

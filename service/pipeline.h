@@ -74,23 +74,25 @@ class Pipeline {
   RunReport run(Feed& feed, const Publisher& publisher);
 
   /// Makes the slots for a new plan; frames that are fed from now on are worked on by this plan,
-  /// and no frame is lost. Any one other thread may call it during a run, which only swaps
-  /// pointers. Returns false while an earlier plan is still being taken up, which takes one frame
-  /// for each slot. Then try again later.
+  /// and no frame is lost. Tracks go on where sensor and [track] are the same as before, and
+  /// windows stay with their spots where sensor and [centroid] are. Any one other thread may call
+  /// it during a run, which only swaps pointers. Returns false while an earlier plan is still being
+  /// taken up, which takes one frame for each slot. Then try again later.
   bool adopt(std::shared_ptr<const Plan> plan);
 
  private:
-  /// A plan and the slots made for it.
+  /// A plan and the slots made for it. What frames have taught may be shared with the set before.
   struct SlotSet {
     std::shared_ptr<const Plan> plan;
-    std::unique_ptr<WindowFollower> follower;  ///< null if the windows stay
-    std::unique_ptr<VortexTracker> tracker;    ///< null if the plan does not track
+    std::shared_ptr<WindowFollower> follower;  ///< null if the windows stay
+    std::shared_ptr<VortexTracker> tracker;    ///< null if the plan does not track
     std::vector<std::unique_ptr<FrameSlot>> slots;
     /// How many slots, from the first, are in use; only the feeding thread touches it.
     std::size_t in_use = 0;
   };
 
   std::unique_ptr<SlotSet> make_slots(std::shared_ptr<const Plan> plan);
+  void make_state(const Plan& plan, SlotSet& set) const;
   void start_sets();
   FrameSlot* renewed(FrameSlot* slot) noexcept;
   void run_inline(Feed& feed, const Publisher& publisher);

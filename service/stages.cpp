@@ -3,9 +3,10 @@
 #include <algorithm>
 #include <string>
 
-#include "core/memory_limit.h"
-
 #include "centroiding/field_turn.h"
+#include "core/error.h"
+#include "core/memory_limit.h"
+#include "service/sensor/sensor_file.h"
 
 namespace curlew {
 namespace {
@@ -91,9 +92,12 @@ const std::array<Stage, kStageCount> kStages = {{
     {"hidden", hidden},
 }};
 
-Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config)
-    : grid(affordable(sensor, config)),
+Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& settings)
+    : config(settings),
       optics(sensor.optics),
+      detector(sensor.detector),
+      sensor_hash(curlew::sensor_hash(sensor)),
+      grid(affordable(sensor, config)),
       centroid(sensor, format, config.centroid),
       slopes(sensor),
       detect(sensor, format, config),
@@ -117,6 +121,10 @@ Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& config
   // The options are checked here, where an exception can still refuse the plan. The tracker itself
   // is made later, when it is too late to refuse.
   check_tracker_options(config.track);
+  if (config.detect.min_probability != DetectSettings{}.min_probability)
+    throw UsageError(
+        "[detect] min_probability has no effect while vortices are tracked: set [track] "
+        "min_probability instead");
   tracker = config.track;
 }
 

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 
 #include "centroiding/centroid.h"
 #include "centroiding/frame_level.h"
@@ -34,8 +35,13 @@ struct Plan {
   Plan(const Plan&) = delete;
   Plan& operator=(const Plan&) = delete;
 
-  LensletGrid grid;
+  /// What it was made from. Files that are made with the plan carry these.
+  Config config;
   Optics optics;
+  Detector detector;
+  std::string sensor_hash;
+
+  LensletGrid grid;
   std::optional<TrackerOptions> tracker;  ///< none: every frame is judged alone
   CentroidPlan centroid;
   // None: the level stays the calibration's, and no pixel is looked at for being sharp.

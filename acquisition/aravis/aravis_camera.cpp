@@ -12,6 +12,7 @@
 #include "acquisition/aravis/aravis_network.h"
 #include "acquisition/aravis/aravis_receiver.h"
 #include "acquisition/aravis/aravis_settings.h"
+#include "acquisition/aravis/stream_socket.h"
 #include "core/error.h"
 
 namespace curlew {
@@ -59,11 +60,16 @@ class AravisCamera final : public Camera {
   void stop() noexcept override;
   void trigger() override;
   std::string failure() const override { return link_->failure(); }
-  FrameCounts counts() const override { return receiver_->counts(); }
+  FrameCounts counts() const override {
+    FrameCounts counts = receiver_->counts();
+    counts.refused_packets = socket_.refused();
+    return counts;
+  }
 
  private:
   ArvDevice* device() const { return arv_camera_get_device(camera_.get()); }
   bool answers() const;
+  std::uint16_t sending_port() const;
   GObjectPtr<ArvStream> make_stream();
 
   const CameraOptions options_;
@@ -78,6 +84,7 @@ class AravisCamera final : public Camera {
   std::shared_ptr<AravisReceiver> receiver_;
   gulong lost_handler_ = 0;
   GObjectPtr<ArvStream> stream_;  // the stream while the camera runs
+  StreamSocket socket_;           // where its packets arrive, on the network
   FrameExchange* exchange_ = nullptr;
   mutable std::mutex notes_mutex_;
   int receive_buffer_bytes_ = 0;  // size for the stream's socket; 0 before there was one
@@ -96,10 +103,15 @@ AravisCamera::AravisCamera(CameraPtr camera, CameraOptions options, const Thread
   format_ = read_frame_format(device_camera, description_, coding);
   AravisError error;
   payload_bytes_ = arv_camera_get_payload(device_camera, error.out());
-  if (error || payload_bytes_ < coding.bytes(format_.pixels()))
-    throw Failure(fmt::format("{} sends {} bytes a frame, too few for {} rows of {} pixels in {}",
-                              description_, payload_bytes_, format_.rows, format_.cols,
-                              coding.name));
+  // Beside the pixels there may be padding and chunks.
+  constexpr std::size_t kMuchMore = 2;
+  constexpr std::size_t kChunks_bytes = 1 << 20;
+  const std::size_t bytes = coding.bytes(format_.pixels());
+  if (error || payload_bytes_ < bytes || payload_bytes_ > kMuchMore * bytes + kChunks_bytes)
+    throw Failure(
+        fmt::format("{} says that it sends {} bytes a frame (PayloadSize), but {} rows of "
+                    "{} pixels in {} are {} bytes",
+                    description_, payload_bytes_, format_.rows, format_.cols, coding.name, bytes));
   receiver_ = std::make_shared<AravisReceiver>(coding, format_, payload_bytes_,
                                                static_cast<std::size_t>(options_.buffers), gige_,
                                                thread_start);
@@ -143,6 +155,15 @@ bool AravisCamera::answers() const {
   return failure().empty() && (!gige_ || gige_device_answers(address_));
 }
 
+/// Returns the port that the camera sends its frames from; 0 where it does not tell.
+std::uint16_t AravisCamera::sending_port() const {
+  constexpr guint64 kStreamSourcePort = 0x0d1c;  // the register SCSP of GigE Vision
+  guint32 value = 0;
+  AravisError error;
+  const bool tells = arv_device_read_register(device(), kStreamSourcePort, &value, error.out());
+  return tells && !error ? static_cast<std::uint16_t>(value) : std::uint16_t{0};
+}
+
 GObjectPtr<ArvStream> AravisCamera::make_stream() {
   AravisError error;
   GObjectPtr<ArvStream> stream(arv_camera_create_stream(
@@ -155,10 +176,10 @@ GObjectPtr<ArvStream> AravisCamera::make_stream() {
                options_.packet_resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS
                                       : ARV_GV_STREAM_PACKET_RESEND_NEVER,
                "frame-retention", static_cast<guint>(options_.frame_retention_us), nullptr);
+  socket_.guard(arv_gv_stream_get_port(ARV_GV_STREAM(stream.get())), {address_, sending_port()});
   // Aravis sets the buffer after the first packet, which is too late for the rest of the first
   // frame.
-  const int bytes = set_receive_buffer(arv_gv_stream_get_port(ARV_GV_STREAM(stream.get())),
-                                       options_.socket_buffer_bytes);
+  const int bytes = socket_.set_receive_buffer(options_.socket_buffer_bytes);
   const std::lock_guard lock(notes_mutex_);
   receive_buffer_bytes_ = bytes;
   return stream;
@@ -184,6 +205,7 @@ void AravisCamera::start(FrameExchange& exchange) {
 void AravisCamera::stop() noexcept {
   if (exchange_ == nullptr) return;
   link_->attach(nullptr);
+  socket_.forget();
   AravisError error;
   bool alive = answers();
   if (alive) {

@@ -9,7 +9,9 @@
 
 #include "acquisition/aravis/aravis_camera.h"
 #include "acquisition/aravis/aravis_network.h"
+#include "acquisition/aravis/genicam_description.h"
 #include "core/error.h"
+#include "core/printable.h"
 
 namespace curlew {
 namespace {
@@ -23,7 +25,10 @@ constexpr const char* kRemedy =
 void silence_aravis() {
   static std::once_flag once;
   std::call_once(once, [] {
-    if (g_getenv("ARV_DEBUG") == nullptr) arv_debug_enable("all:0");
+    if (g_getenv("ARV_DEBUG") != nullptr) return;
+    arv_debug_enable("all:0");
+    // Libraries below it complain of what cameras send in their own words.
+    g_log_set_default_handler([](const char*, GLogLevelFlags, const char*, gpointer) {}, nullptr);
   });
 }
 
@@ -45,7 +50,7 @@ std::string describe(const std::string& vendor, const std::string& model, const 
   std::string text = fmt::format("{} {}", vendor, model);
   if (!serial.empty()) text += fmt::format(", serial number {}", serial);
   if (!address.empty()) text += fmt::format(", {}", address);
-  return text;
+  return printable(text);
 }
 
 std::vector<Device> find_devices() {
@@ -54,7 +59,7 @@ std::vector<Device> find_devices() {
   std::vector<Device> devices;
   for (unsigned i = 0; i < arv_get_n_devices(); ++i)
     devices.push_back(
-        {text_or_empty(arv_get_device_id(i)),
+        {printable(text_or_empty(arv_get_device_id(i))),
          describe(text_or_empty(arv_get_device_vendor(i)), text_or_empty(arv_get_device_model(i)),
                   text_or_empty(arv_get_device_serial_nbr(i)),
                   text_or_empty(arv_get_device_address(i)))});
@@ -95,9 +100,17 @@ CameraPtr open_aravis_device(const std::string& id) {
   const std::string name = id.empty() ? only_device() : id;
   forget_unplugged();
   AravisError error;
-  CameraPtr camera(arv_camera_new(name.c_str(), error.out()));
-  if (camera == nullptr || error)
+  const auto refuse = [&] {
     throw Failure(fmt::format("aravis:{} cannot be opened: {}; {}", name, error.text(), kRemedy));
+  };
+  const GObjectPtr<ArvDevice> device(arv_open_device(name.c_str(), error.out()));
+  if (device == nullptr || error) refuse();
+  // Nothing has evaluated the description until here.
+  std::size_t size = 0;
+  const char* const description = arv_device_get_genicam_xml(device.get(), &size);
+  check_genicam_description({description, description != nullptr ? size : 0}, "aravis:" + name);
+  CameraPtr camera(arv_camera_new_with_device(device.get(), error.out()));
+  if (camera == nullptr || error) refuse();
   if (arv_camera_is_gv_device(camera.get()) &&
       !arv_gv_device_is_controller(ARV_GV_DEVICE(arv_camera_get_device(camera.get())))) {
     if (!gige_device_answers(address_of(camera.get())))
@@ -128,7 +141,8 @@ std::string describe(ArvCamera* camera) {
     // mean that the camera does not have the text.
     if (error && !address.empty() && !gige_device_answers(address))
       throw Failure(fmt::format("aravis:{} stopped answering while it was opened", address));
-    return answer;
+    // What comes with an error is whatever was in memory.
+    return error ? std::string() : answer;
   };
   const std::string vendor = text(arv_camera_get_vendor_name);
   const std::string model = text(arv_camera_get_model_name);

@@ -7,25 +7,12 @@
 #include <unistd.h>
 
 #include <array>
-#include <charconv>
 #include <cstdint>
-#include <filesystem>
-#include <system_error>
 
 namespace curlew {
 namespace {
 
 constexpr std::uint16_t kControlPort = 3956;
-
-bool is_udp_on_port(int fd, int port) {
-  int type = 0;
-  socklen_t length = sizeof type;
-  if (getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &length) != 0 || type != SOCK_DGRAM) return false;
-  sockaddr_in address{};
-  length = sizeof address;
-  return getsockname(fd, reinterpret_cast<sockaddr*>(&address), &length) == 0 &&
-         address.sin_family == AF_INET && ntohs(address.sin_port) == port;
-}
 
 }  // namespace
 
@@ -53,22 +40,6 @@ bool gige_device_answers(const std::string& address) {
   }
   close(fd);
   return answered;
-}
-
-int set_receive_buffer(int port, int bytes) {
-  std::error_code error;
-  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", error)) {
-    const std::string name = entry.path().filename().string();
-    int fd = -1;
-    std::from_chars(name.data(), name.data() + name.size(), fd);
-    if (fd < 0 || !is_udp_on_port(fd, port)) continue;
-    setsockopt(fd, SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes);
-    int doubled = 0;  // The kernel counts its own overhead in.
-    socklen_t length = sizeof doubled;
-    getsockopt(fd, SOL_SOCKET, SO_RCVBUF, &doubled, &length);
-    return doubled / 2;
-  }
-  return 0;
 }
 
 }  // namespace curlew

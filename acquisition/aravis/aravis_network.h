@@ -9,8 +9,4 @@ namespace curlew {
 /// s, whereas Aravis' own commands wait 2.5 s each.
 bool gige_device_answers(const std::string& address);
 
-/// Sets the kernel's receive buffer of this process' UDP socket bound to `port` and returns what it
-/// really got, in bytes; 0 if there is no such socket.
-int set_receive_buffer(int port, int bytes);
-
 }  // namespace curlew

@@ -277,8 +277,9 @@ void AravisReceiver::count(Cause cause, std::int64_t frames) noexcept {
 
 FrameCounts AravisReceiver::counts() const noexcept {
   const auto of = [&](Cause cause) { return counts_[cause].load(std::memory_order_relaxed); };
-  return {of(kDelivered), of(kIncomplete), of(kTimedOut), of(kAborted),
-          of(kWrongSize), of(kOther),      of(kLost),     of(kNoBuffer)};
+  return {of(kDelivered), of(kIncomplete), of(kTimedOut),
+          of(kAborted),   of(kWrongSize),  of(kOther),
+          of(kLost),      of(kNoBuffer),   0};
 }
 
 }  // namespace curlew

@@ -324,6 +324,10 @@ FrameFormat read_frame_format(ArvCamera* camera, const std::string& camera_name,
   arv_camera_get_region(camera, &x, &y, &cols, &rows, error.out());
   if (error)
     throw Failure(fmt::format("{} does not tell its region: {}", camera_name, error.text()));
+  constexpr int kLargest_px = 65535;
+  if (cols < 1 || cols > kLargest_px || rows < 1 || rows > kLargest_px)
+    throw Failure(
+        fmt::format("{} says that its frames have {} x {} pixels", camera_name, cols, rows));
   if (arv_camera_is_binning_available(camera, error.out()))
     arv_camera_get_binning(camera, &binning_x, &binning_y, error.out());
   if (binning_x != binning_y)

@@ -86,12 +86,11 @@ FitsFile FitsFile::create(const std::string& path) {
   handle->path = path;
   std::error_code error;
   if (path.empty()) throw Failure("cannot write a file without a name");
-  if (fs::is_directory(path, error)) handle->fail("cannot be written: it is a directory");
+  handle->target = replaceable_target(path);
   const fs::path folder = fs::absolute(path).parent_path();
   if (!fs::is_directory(folder, error)) {
     handle->fail("cannot be written: the directory " + folder.string() + " does not exist");
   }
-  handle->target = target_of(path);
   const std::string partial = literal_path(partial_path(handle->target));
 
   int status = 0;

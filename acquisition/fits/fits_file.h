@@ -60,7 +60,8 @@ class FitsFile {
   static FitsFile open(const std::string& path);
 
   /// Starts a file of another name beside `path`. Without commit() that file is deleted and `path`
-  /// stays untouched. Links are followed.
+  /// stays untouched. Links are followed. Only a regular file is ever replaced: throws Failure for
+  /// a device, a pipe, a socket, a directory, and a link that leads nowhere.
   static FitsFile create(const std::string& path);
 
   /// Starts a file that is only in memory. path: what error messages call it.
@@ -103,6 +104,10 @@ class FitsFile {
   /// character becomes '?'.
   void write_key(const std::string& name, const KeyValue& value, const std::string& comment = "",
                  const std::string& unit = "");
+  /// Appends a HISTORY card, or as many as the line takes.
+  void write_history(const std::string& line);
+  /// Returns the texts of the HISTORY cards.
+  std::vector<std::string> history();
   /// Returns the 80 characters of a header card.
   static std::string card(const std::string& name, std::int64_t value, const std::string& comment);
 

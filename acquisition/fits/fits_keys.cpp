@@ -91,6 +91,28 @@ std::optional<std::string> FitsFile::key_string(const std::string& name) {
   return printable_ascii(text);
 }
 
+void FitsFile::write_history(const std::string& line) {
+  int status = 0;
+  fits_write_history(cfits(handle_->file), printable_ascii(line).c_str(), &status);
+  handle_->check(status, "write HISTORY");
+}
+
+std::vector<std::string> FitsFile::history() {
+  fitsfile* file = cfits(handle_->file);
+  int status = 0;
+  int cards = 0;
+  fits_get_hdrspace(file, &cards, nullptr, &status);
+  std::vector<std::string> lines;
+  for (int n = 1; n <= cards && status == 0; ++n) {
+    std::array<char, FLEN_CARD> card{};
+    fits_read_record(file, n, card.data(), &status);
+    const std::string text = card.data();
+    if (text.rfind("HISTORY ", 0) == 0) lines.push_back(text.substr(8));
+  }
+  handle_->check(status, "read HISTORY");
+  return lines;
+}
+
 void FitsFile::write_key(const std::string& name, const KeyValue& value, const std::string& comment,
                          const std::string& unit) {
   int status = 0;

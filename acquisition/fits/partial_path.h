@@ -1,27 +1,20 @@
-// This says where a file is written until it is complete.
+// This says where a file is written until it is complete, and what it may replace.
 #pragma once
 
-#include <unistd.h>
-
-#include <filesystem>
 #include <string>
 
 namespace curlew {
 
 /// Returns the file that `path` really names, links followed; path itself if that cannot be told.
-inline std::string target_of(const std::string& path) {
-  namespace fs = std::filesystem;
-  std::error_code error;
-  const fs::path absolute = fs::absolute(path, error);
-  if (error) return path;
-  const fs::path target = fs::weakly_canonical(absolute, error);
-  return error ? path : target.string();
-}
+std::string target_of(const std::string& path);
+
+/// Returns target_of(path) where a complete file may be put there: nothing or a regular file is
+/// there. Throws Failure for a directory, a device, a pipe or a socket, which are never replaced,
+/// and for a link that leads nowhere.
+std::string replaceable_target(const std::string& path);
 
 /// Returns a name beside the target that no other process writes to. Renaming that file to the
 /// target completes it.
-inline std::string partial_path(const std::string& target) {
-  return target + "." + std::to_string(getpid()) + ".partial";
-}
+std::string partial_path(const std::string& target);
 
 }  // namespace curlew

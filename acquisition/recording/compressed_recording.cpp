@@ -40,9 +40,10 @@ Comparison compare(const std::string& raw, const std::string& compressed,
 bool write_compressed(const std::string& raw, const std::string& compressed,
                       const std::string& program, const std::stop_token& stop) {
   FitsSource source({raw});
+  FitsFile file = FitsFile::open(raw);
   RecordingWriter writer =
       RecordingWriter::compressed(compressed, source.format(), source.optics(), source.detector(),
-                                  program, source.frame_count());
+                                  read_provenance(file, program), source.frame_count());
   FrameBuffer frame(source.format());
   while (source.next(frame) == Delivery::kFrame) {
     if (stop.stop_requested()) return false;

@@ -13,6 +13,7 @@
 #include "acquisition/recording/milk_recording.h"
 #include "acquisition/recording/pixel_range.h"
 #include "core/error.h"
+#include "core/stop_request.h"
 
 namespace curlew {
 namespace {
@@ -99,6 +100,7 @@ void FitsSource::choose_map() {
     FitsCube cube = FitsCube::open(path, selection_);
     std::size_t finite_in_file = 0;
     for (std::int64_t n = 0; n < cube.frames; ++n) {
+      refuse_if_stopped(path);
       cube.read_values(n, std::span(values_.data(), values_.size()));
       const std::size_t finite = range.add(values_);
       finite_in_file += finite;
@@ -133,6 +135,7 @@ FitsSource::FarPixels FitsSource::find_far_pixels(const PixelMap& map, Image<std
   for (const std::string& path : paths_) {
     FitsCube cube = FitsCube::open(path, selection_);
     for (std::int64_t n = 0; n < cube.frames; ++n) {
+      refuse_if_stopped(path);
       cube.read_values(n, std::span(values_.data(), values_.size()));
       bool any = false;
       for (std::size_t k = 0; k < values_.size(); ++k) {

@@ -1,6 +1,7 @@
 #include "acquisition/recording/growing_recording.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -43,9 +44,9 @@ std::span<const std::byte> as_bytes(const std::string& text) {
 
 GrowingRecording::GrowingRecording(const std::string& path, const FrameFormat& format,
                                    const Optics& optics, const Detector& detector,
-                                   const std::string& program)
+                                   const Provenance& provenance)
     : path_(path), format_(format), model_(FitsFile::create_in_memory(path)) {
-  create_recording_image(model_, format, optics, detector, program, 0);
+  create_recording_image(model_, format, optics, detector, provenance, 0);
   head_bytes_ = static_cast<std::int64_t>(model_.memory().size());
   create_frame_table(model_);
   model_.create_image(ElementType::kU8, {0}, "UNFINISHED");
@@ -83,6 +84,16 @@ std::int64_t GrowingRecording::bytes() const {
   const std::int64_t tail = tail_end_ - whole_blocks(committed_end_);
   return whole_blocks(pending_end_) + tail +
          whole_blocks(kFrameRowBytes * static_cast<std::int64_t>(pending_.size()));
+}
+
+GrowingRecording::Whereabouts GrowingRecording::whereabouts() const {
+  struct stat ours {};
+  struct stat named {};
+  if (fstat(file_, &ours) == 0 && ours.st_nlink == 0) return Whereabouts::kRemoved;
+  const std::string& name = partial_.empty() ? path_ : partial_;
+  const bool is_here =
+      stat(name.c_str(), &named) == 0 && named.st_dev == ours.st_dev && named.st_ino == ours.st_ino;
+  return is_here ? Whereabouts::kHere : Whereabouts::kMoved;
 }
 
 void GrowingRecording::append(const FrameView& frame, const FrameHeader& header) {

@@ -31,7 +31,7 @@ class GrowingRecording {
  public:
   /// The arguments are those of RecordingWriter. Throws Failure also if the file exists.
   GrowingRecording(const std::string& path, const FrameFormat& format, const Optics& optics,
-                   const Detector& detector, const std::string& program);
+                   const Detector& detector, const Provenance& provenance);
 
   /// Cuts off what was not committed, and UNFINISHED with it. A file without a committed frame is
   /// removed.
@@ -44,6 +44,14 @@ class GrowingRecording {
 
   /// Shows all frames to readers.
   void commit();
+
+  enum class Whereabouts {
+    kHere,
+    kMoved,    ///< It has another name, or its folder has.
+    kRemoved,  ///< It has no name any more, and is gone once it is closed.
+  };
+  /// Says what others have done with the file.
+  Whereabouts whereabouts() const;
 
   const std::string& path() const { return path_; }
   std::int64_t frames() const { return committed_ + static_cast<std::int64_t>(pending_.size()); }

@@ -8,6 +8,7 @@
 #include "acquisition/recording/fits_cube.h"
 #include "acquisition/recording/pixel_range.h"
 #include "core/error.h"
+#include "core/stop_request.h"
 
 namespace curlew {
 namespace {
@@ -26,6 +27,7 @@ PixelMap find_map(FitsCube& cube) {
   if (may_have_outliers(cube.element)) {
     Image<double> frame(cube.region.rows, cube.region.cols);
     for (std::int64_t n = 0; n < cube.frames; ++n) {
+      refuse_if_stopped(cube.file.path());
       cube.read_values(n, std::span(frame.data(), frame.size()));
       range.add(frame);
     }
@@ -52,6 +54,7 @@ MeanImage read_mean_image(const std::string& path, const FrameSelection& selecti
   // This is the method of Welford, Technometrics 4, 419 (1962): nothing cancels, however large the
   // bias is.
   for (std::int64_t n = 0; n < cube.frames; ++n) {
+    refuse_if_stopped(path);
     cube.read_values(n, std::span(frame.data(), frame.size()));
     const double weight = 1.0 / static_cast<double>(n + 1);
     for (std::size_t k = 0; k < frame.size(); ++k) {

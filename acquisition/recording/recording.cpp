@@ -26,17 +26,17 @@ void write_all(FitsFile& file, const std::string& name, const std::vector<T>& va
 
 RecordingWriter::RecordingWriter(const std::string& path, const FrameFormat& format,
                                  const Optics& optics, const Detector& detector,
-                                 const std::string& program)
+                                 const Provenance& provenance)
     : RecordingWriter(FitsFile::create(path), format, 0) {
   // The number of frames is written by commit().
-  create_recording_image(file_, format, optics, detector, program, 0);
+  create_recording_image(file_, format, optics, detector, provenance, 0);
 }
 
 RecordingWriter RecordingWriter::compressed(const std::string& path, const FrameFormat& format,
                                             const Optics& optics, const Detector& detector,
-                                            const std::string& program, std::int64_t frames) {
+                                            const Provenance& provenance, std::int64_t frames) {
   RecordingWriter writer(FitsFile::create(path), format, frames);
-  create_recording_image(writer.file_, format, optics, detector, program, frames,
+  create_recording_image(writer.file_, format, optics, detector, provenance, frames,
                          Compression::kRice);
   return writer;
 }

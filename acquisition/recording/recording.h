@@ -22,17 +22,16 @@ namespace curlew {
 /// memory.
 class RecordingWriter {
  public:
-  /// format: counts must be ADU (scale 1, zero 0); others are refused. program: name and version,
-  /// for the key CREATOR.
+  /// format: counts must be ADU (scale 1, zero 0); others are refused.
   RecordingWriter(const std::string& path, const FrameFormat& format, const Optics& optics,
-                  const Detector& detector, const std::string& program);
+                  const Detector& detector, const Provenance& provenance);
 
   /// Makes a writer of a tile-compressed recording without loss (Rice): an empty primary, and the
   /// cube in the first extension. Exactly `frames` frames must be appended. The other arguments are
   /// those of the constructor.
   static RecordingWriter compressed(const std::string& path, const FrameFormat& format,
                                     const Optics& optics, const Detector& detector,
-                                    const std::string& program, std::int64_t frames);
+                                    const Provenance& provenance, std::int64_t frames);
 
   /// Appends one frame of the format's size and type.
   void append(const FrameView& frame, const FrameHeader& header);

@@ -17,7 +17,7 @@ std::string size_text(int rows, int cols, PixelType type) {
 }  // namespace
 
 void create_recording_image(FitsFile& file, const FrameFormat& format, const Optics& optics,
-                            const Detector& detector, const std::string& program,
+                            const Detector& detector, const Provenance& provenance,
                             std::int64_t frames, Compression compression) {
   if (format.scale_adu != 1.0 || format.zero_adu != 0.0) {
     throw Failure(file.path() +
@@ -31,10 +31,10 @@ void create_recording_image(FitsFile& file, const FrameFormat& format, const Opt
   } else {
     file.create_image(element, shape, "", "adu");
   }
-  file.write_key("CREATOR", program, "program that wrote this file");
   write_optics(file, optics);
   write_detector(file, detector);
   write_region(file, format);
+  write_provenance(file, provenance);
 }
 
 void require_format(const std::string& path, const FrameFormat& format, const FrameView& frame) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "acquisition/fits/fits_file.h"
+#include "acquisition/recording/provenance.h"
 #include "core/frame.h"
 #include "core/optics.h"
 
@@ -15,9 +16,9 @@ namespace curlew {
 enum class Compression { kNone, kRice };
 
 /// Makes the cube of `frames` frames, all zero, with its keys. Throws Failure for counts that are
-/// not ADU (scale 1, zero 0). program: name and version, for the key CREATOR.
+/// not ADU (scale 1, zero 0).
 void create_recording_image(FitsFile& file, const FrameFormat& format, const Optics& optics,
-                            const Detector& detector, const std::string& program,
+                            const Detector& detector, const Provenance& provenance,
                             std::int64_t frames, Compression compression = Compression::kNone);
 
 /// Throws Failure, which names the recording, unless the frame is of the format's size and type.

@@ -274,7 +274,12 @@ void UsbFrameAssembler::begin_frame() noexcept {
 
 void UsbFrameAssembler::finish(Outcome outcome) noexcept {
   const bool whole = outcome == Outcome::kWhole;
-  if (!account(whole)) return;
+  const Number number = account(whole);
+  if (number == Number::kMissing) return;
+  if (number == Number::kInDoubt && whole) {
+    add(counts_.other);
+    return;
+  }
   switch (outcome) {
     case Outcome::kWhole:
       if (buffer_ != nullptr) {
@@ -296,40 +301,47 @@ void UsbFrameAssembler::finish(Outcome outcome) noexcept {
   }
 }
 
-/// Gives the frame its sequence and counts what is missing before it. False means that the frame
-/// gets none and is not counted here; if frames are numbered, it will be missing before the next
-/// one.
-bool UsbFrameAssembler::account(bool whole) noexcept {
-  if (!started_ && (!whole || buffer_ == nullptr)) return false;
+/// Gives the frame its sequence and counts what is missing before it. A frame whose number is
+/// unknown gets none: it will be missing before the next one. One whose number does not follow is
+/// in doubt: it takes the next sequence, and the numbers that come then are held against that.
+UsbFrameAssembler::Number UsbFrameAssembler::account(bool whole) noexcept {
+  if (!started_ && (!whole || buffer_ == nullptr)) return Number::kMissing;
   std::uint32_t number = 0;
   std::uint32_t leap = 1;
   if (sequence_offset_ >= 0) {
-    if (position_ < header_.size()) return false;
+    if (position_ < header_.size()) return Number::kMissing;
     std::memcpy(&number, header_.data() + sequence_offset_, sizeof number);
     leap = number - number_;
-    if (started_ && !whole && leap != 1) return false;  // A damaged frame's number proves nothing.
+    // A damaged frame's number proves nothing.
+    if (started_ && !whole && leap > 1) return Number::kMissing;
     if (started_ && (leap == 0 || leap > kLongestLeap)) {
       const bool anew = doubtful_ && number == doubt_ + 1;
       doubtful_ = !anew;
       doubt_ = number;
-      if (!anew) return false;
-      add(counts_.other);  // This counts the frame in doubt.
-      ++sequence_;
+      if (!anew) {
+        ++in_doubt_;
+        ++sequence_;
+        return Number::kInDoubt;
+      }
       leap = 1;
+      in_doubt_ = 0;
       renumbered_ = true;
     }
   }
   if (started_) {
-    add(counts_.lost, leap - 1);
-    sequence_ += leap;
+    const std::int64_t missing = std::int64_t{leap} - 1 - in_doubt_;
+    if (missing < 0) renumbered_ = true;  // More frames came than numbers.
+    add(counts_.lost, std::max<std::int64_t>(missing, 0));
+    sequence_ += 1 + std::max<std::int64_t>(missing, 0);
   } else {
     sequence_ = number;
     delivered_ = sequence_ - 1;
     started_ = renumbered_ = true;
   }
+  in_doubt_ = 0;
   doubtful_ = false;
   number_ = number;
-  return true;
+  return Number::kKnown;
 }
 
 void UsbFrameAssembler::deliver() noexcept {

@@ -70,6 +70,7 @@ class UsbFrameAssembler {
     kOverlong,   ///< without sync, no short packet came where the frame should have ended
   };
   enum class Outcome { kWhole, kIncomplete, kWrongSize, kAborted };
+  enum class Number { kKnown, kMissing, kInDoubt };  ///< what a frame's number is
   using Bytes = std::span<const std::byte>;
 
   void consume(Bytes bytes) noexcept;
@@ -79,7 +80,7 @@ class UsbFrameAssembler {
   bool could_be_restart(Bytes& bytes) noexcept;
   void begin_frame() noexcept;
   void finish(Outcome outcome) noexcept;
-  bool account(bool whole) noexcept;
+  Number account(bool whole) noexcept;
   void deliver() noexcept;
 
   // The following is the layout.
@@ -116,6 +117,7 @@ class UsbFrameAssembler {
   std::uint32_t number_ = 0;    ///< the device's number of the last one accounted for
   bool doubtful_ = false;       ///< the last whole frame's number did not follow
   std::uint32_t doubt_ = 0;     ///< that number
+  std::int64_t in_doubt_ = 0;   ///< frames in doubt since number_
   mutable FrameCounts counts_;  ///< touched through atomic_ref
 };
 

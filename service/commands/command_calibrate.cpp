@@ -17,6 +17,7 @@
 #include "centroiding/calibration/dark_check.h"
 #include "core/error.h"
 #include "service/commands/commands.h"
+#include "service/commands/force_flag.h"
 #include "service/config.h"
 #include "service/program/outputs.h"
 #include "service/sensor/capture.h"
@@ -42,6 +43,7 @@ struct CalibrateOptions {
   std::optional<double> pitch_um, focal_mm, pixel_um, wavelength_nm, magnification;
   std::optional<double> e_per_adu, read_noise_e, saturation_adu;
   bool mirror = false;
+  Existing existing = Existing::kRefused;
 };
 
 template <typename To, typename From>
@@ -199,10 +201,18 @@ void print_fit(const CalibrateOptions& options, const Sensor& sensor) {
   fmt::print("  one pixel is a slope of {:.4f} rad per pitch\n", optics.slope_rad_per_px());
 }
 
+/// Returns what the sensor file says of its origin.
+Provenance provenance_of(const CalibrateOptions& options, const Config& config) {
+  Provenance provenance = provenance_of(config);
+  const std::string& source = options.camera.empty() ? options.reference : options.camera;
+  provenance.history.insert(provenance.history.begin(), "calibrated on " + source);
+  FitsFile reference = FitsFile::open(options.reference);
+  provenance.observed_ns = observed_ns(reference);
+  return provenance;
+}
+
 /// Finds grid, windows and reference spots from the recording options.reference.
 void calibrate_on_recording(const CalibrateOptions& options) {
-  refuse_overwriting(options.out, {options.reference, options.dark, options.flat,
-                                   options.bad_pixels, options.config});
   const Config config = options.config.empty() ? Config{} : read_config(options.config);
   FitsSource source({options.reference}, reference_selection(options));
   CalibrationInput input = read_input(options, source);
@@ -226,7 +236,7 @@ void calibrate_on_recording(const CalibrateOptions& options) {
   }
   Sensor& sensor = calibration.sensor;
   const ReferenceReport report = measure_reference_spots(source, config.centroid, sensor);
-  write_sensor(options.out, sensor);
+  write_sensor(options.out, sensor, provenance_of(options, config));
   print_fit(options, sensor);
   for (const std::string& note : source.notes()) fmt::print("  {}\n", note);
   if (!source.map_report().empty()) fmt::print("  {}\n", source.map_report());
@@ -250,7 +260,7 @@ void take_dark(const CameraOptions& camera, const CalibrateOptions& options) {
   capture_frames(camera, options.frames, taken);
   try {
     check_dark(options.out, read_mean_image(taken));
-    std::filesystem::rename(taken, options.out);
+    std::filesystem::rename(taken, replaceable_target(options.out));
   } catch (...) {
     std::filesystem::remove(taken);
     throw;
@@ -269,8 +279,6 @@ void calibrate_on_camera(CalibrateOptions options) {
   }
   options.reference =
       options.keep.empty() ? partial_path(options.out + ".reference.fits") : options.keep;
-  refuse_overwriting(options.reference,
-                     {options.out, options.dark, options.flat, options.bad_pixels, options.config});
   capture_frames(camera, options.frames, options.reference);
   const auto discard = [&] {
     if (options.keep.empty()) std::filesystem::remove(options.reference);
@@ -291,6 +299,12 @@ void calibrate(const CalibrateOptions& options) {
     throw UsageError("--hdu and --region are for a reference recording, not for --camera");
   if (options.camera.empty() && (options.take_dark || !options.keep.empty()))
     throw UsageError("--take-dark and --keep need --camera");
+  const std::vector<std::string> inputs{options.reference, options.dark, options.flat,
+                                        options.bad_pixels, options.config};
+  check_output(options.out, inputs, options.existing);
+  check_output(options.keep, inputs, options.existing);
+  if (!options.keep.empty() && target_of(options.keep) == target_of(options.out))
+    throw UsageError("--out and --keep name the same file " + options.out);
   if (options.camera.empty())
     calibrate_on_recording(options);
   else
@@ -319,6 +333,7 @@ void add_calibrate(CLI::App& app) {
   command->add_flag("--take-dark", options->take_dark,
                     "only take frames from the camera, with the light off, into --out");
   command->add_option("--out", options->out, "the sensor file (FITS)")->required();
+  add_force_flag(*command, options->existing);
   command->add_option("--dark", options->dark,
                       "dark frame, or a stack, which also gives the read noise");
   command->add_option("--dark-hdu", options->dark_hdu,

@@ -11,6 +11,7 @@
 #include "centroiding/calibration/frame_noise.h"
 #include "core/error.h"
 #include "service/commands/commands.h"
+#include "service/commands/force_flag.h"
 #include "service/commands/pipeline_flags.h"
 #include "service/pipeline.h"
 #include "service/program/interrupt.h"
@@ -39,6 +40,7 @@ struct ReplayOptions {
   std::vector<std::string> save;
   double pace_hz = 0.0;
   std::int64_t show = 3;
+  Existing existing = Existing::kRefused;
 };
 
 FrameSelection selection_of(const ReplayOptions& options) {
@@ -88,8 +90,8 @@ void check_usage(const ReplayOptions& options) {
   std::vector<std::string> inputs = options.recordings;
   inputs.push_back(options.sensor);
   inputs.push_back(options.pipeline.config);
-  refuse_overwriting(options.out, inputs);
-  refuse_overwriting(options.jsonl, inputs);
+  check_output(options.out, inputs, options.existing);
+  check_stream_output(options.jsonl, inputs, options.existing);
   if (!options.save.empty() && options.out.empty())
     throw UsageError("--save goes into --out, name a file there");
   if (!options.out.empty() && !options.jsonl.empty() &&
@@ -155,7 +157,6 @@ void print_summary(const RunReport& report, const Config& config,
   if (report.not_converged > 0)
     fmt::print("{} frames whose split did not converge: raise [split] max_iterations\n",
                report.not_converged);
-  if (interrupted()) fmt::print("interrupted: the files hold the frames so far\n");
   if (!config.pipeline.cpus.empty()) fmt::print("threads pinned to: {}\n", placement.description());
   fmt::print("\n{}", latency_table(report));
 }
@@ -170,19 +171,21 @@ void replay(const ReplayOptions& options) {
   add_bad_pixels(sensor, source.nan_pixels());
   const auto plan = std::make_shared<const Plan>(sensor, source.format(), config);
   const Truth truth(options.recordings, selection_of(options));
-  print_input(options, source, sensor);
-
   ReplayFiles files;
-  if (!options.out.empty())
-    files.results = std::make_unique<ResultsFile>(options.out, *plan, save, source.frame_count(),
-                                                  config_hash(config));
+  // This comes before anything is printed, because the lines may take standard output.
   if (!options.jsonl.empty()) files.lines = std::make_unique<JsonLines>(options.jsonl);
+  print_input(options, source, sensor);
+  if (!options.out.empty())
+    files.results = std::make_unique<ResultsFile>(options.out, *plan, save, source.frame_count());
   VortexPrinter printer(truth, config, options.show);
   ThreadPlacement placement(config.pipeline.cpus, config.realtime.priority);
   const RunReport report = run_pipeline(options, config, plan, source, placement, files, printer);
   files.commit();
   printer.summarize();
   print_summary(report, config, placement);
+  if (interrupted())
+    throw Failure(fmt::format("interrupted: the files hold the first {} of {} frames",
+                              report.frames, source.frame_count()));
   if (const std::string why = nothing_measured(report); !why.empty()) throw Failure(why);
 }
 
@@ -204,7 +207,9 @@ void add_replay(CLI::App& app) {
           "--save", options->save,
           "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation,zernike")
       ->delimiter(',');
-  command->add_option("--jsonl", options->jsonl, "file to write with one JSON object a frame");
+  command->add_option("--jsonl", options->jsonl,
+                      "file to write with one JSON object a frame; - for standard output");
+  add_force_flag(*command, options->existing);
   options->pipeline.add_to(*command);
   command->add_option("--pace", options->pace_hz,
                       "greatest rate at which frames are delivered, Hz");

@@ -42,9 +42,12 @@ void print_report(const DaemonReport& report) {
       "{} aborted, {} of the wrong size, {} other\n",
       frames.lost, frames.no_buffer, frames.incomplete, frames.timed_out, frames.aborted,
       frames.wrong_size, frames.other);
+  if (frames.refused_packets > 0)
+    fmt::print("{} packets refused: others sent them, they were malformed, or there was no room\n",
+               frames.refused_packets);
   fmt::print("{}, {} results after the deadline, {} connections to the camera\n",
              found_text(report.results), report.results.late, report.connections);
-  if (report.recorder.files > 0)
+  if (report.recorder.files > 0 || report.recorder.dropped > 0)
     fmt::print("recorded {} frames in {} files, {} frames dropped\n", report.recorder.recorded,
                report.recorder.files, report.recorder.dropped);
   if (const std::string text = followed_text(report.results); !text.empty())
@@ -77,8 +80,9 @@ void add_run(CLI::App& app) {
       ->check(CLI::Range(std::int64_t{1}, std::int64_t{1} << 62));
   command->add_option("--seconds", options->limits.seconds, "how long to run, s")
       ->check(CLI::Range(0.001, 1e9));
-  command->add_option("--jsonl", options->jsonl,
-                      "file to which one JSON object a frame is appended");
+  command->add_option(
+      "--jsonl", options->jsonl,
+      "file to which one JSON object a frame is appended, a pipe, or - for standard output");
   options->pipeline.add_to(*command);
   command->callback([options] { run_daemon(*options); });
 }

@@ -9,11 +9,13 @@
 #include <numbers>
 #include <optional>
 
+#include "acquisition/fits/partial_path.h"
 #include "acquisition/recording/recording.h"
 #include "acquisition/simulator/field_file.h"
 #include "acquisition/simulator/simulator.h"
 #include "core/error.h"
 #include "service/commands/commands.h"
+#include "service/commands/force_flag.h"
 #include "service/commands/pupil_option.h"
 #include "service/program/interrupt.h"
 #include "service/program/outputs.h"
@@ -53,6 +55,8 @@ struct SimulateOptions {
   std::vector<double> tilt;
   std::vector<double> velocity;
   TurbulenceOptions turbulence;
+  std::vector<std::string> words;  ///< what was asked for, as option=value
+  Existing existing = Existing::kRefused;
 };
 
 /// Reads numbers such as "5.5,8,+1,30". Throws UsageError, which names the option.
@@ -154,8 +158,10 @@ void print_time(double frame_s, std::int64_t frames) {
 
 void simulate(const SimulateOptions& options) {
   if (options.simulator.frames < 1) throw UsageError("--frames must be at least 1");
-  refuse_overwriting(options.out, {options.parameters.field_file});
-  refuse_overwriting(options.field_out, {options.parameters.field_file, options.out});
+  check_output(options.out, {options.parameters.field_file}, options.existing);
+  check_output(options.field_out, {options.parameters.field_file}, options.existing);
+  if (!options.field_out.empty() && target_of(options.field_out) == target_of(options.out))
+    throw UsageError("--out and --field-out name the same file " + options.out);
   const SimulatorOptions simulated = simulator_options(options);
   check_simulator_options(simulated);
   if (simulated.turbulence) print_grid(simulated);
@@ -163,8 +169,11 @@ void simulate(const SimulateOptions& options) {
   Simulator simulator(simulated);  // this simulates the first frame too
   const std::chrono::duration<double> first_frame = std::chrono::steady_clock::now() - begin;
   if (simulated.turbulence) print_time(first_frame.count(), simulated.frames);
+  Provenance provenance(kProgram);
+  provenance.seed = static_cast<std::int64_t>(options.simulator.seed);
+  provenance.history = options.words;
   RecordingWriter recording(options.out, simulator.format(), simulator.optics(),
-                            simulator.detector(), kProgram);
+                            simulator.detector(), provenance);
   FrameBuffer frame(simulator.format());
   std::vector<TruthVortex> truth;
   std::int64_t saturated = 0;
@@ -187,6 +196,9 @@ void simulate(const SimulateOptions& options) {
   if (saturated > 0)
     fmt::print("{} frames have saturated pixels: lower --photons or raise --e-per-adu\n",
                saturated);
+  if (interrupted())
+    throw Failure(fmt::format("interrupted: {} holds the first {} of {} frames", options.out,
+                              recording.frames(), simulated.frames));
 }
 
 void add_turbulence(CLI::App& command, TurbulenceOptions& path) {
@@ -234,6 +246,7 @@ void add_simulate(CLI::App& app) {
     presets += (presets.empty() ? "" : ", ") + name;
   command->add_option("--preset", options->preset, presets)->capture_default_str();
   command->add_option("--out", options->out, "the recording (FITS)")->required();
+  add_force_flag(*command, options->existing);
   command->add_option("--frames", simulator.frames, "number of frames")->capture_default_str();
   command->add_option("--seed", simulator.seed, "seed of noise and turbulence")
       ->capture_default_str();
@@ -299,7 +312,15 @@ void add_simulate(CLI::App& app) {
       ->delimiter(',')
       ->expected(2);
   add_turbulence(*command, options->turbulence);
-  command->callback([options] { simulate(*options); });
+  command->callback([options, command] {
+    options->words = {"curlew simulate with:"};
+    // The names of files say nothing of what is simulated.
+    for (const std::string& line : lines_of(command->config_to_str(true)))
+      if (!line.empty() && line.rfind("out=", 0) != 0 && line.rfind("field-out=", 0) != 0 &&
+          line.rfind("force", 0) != 0)
+        options->words.push_back(line);
+    simulate(*options);
+  });
 }
 
 }  // namespace curlew

@@ -11,6 +11,7 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
+#include <filesystem>
 #include <system_error>
 
 #include "core/error.h"
@@ -47,7 +48,18 @@ class Descriptor {
 
 std::string last_error() { return std::error_code(errno, std::generic_category()).message(); }
 
-int new_socket() { return socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0); }
+/// Lets nobody who does not read, or does not accept, hold this process up.
+void limit_waits(int fd) {
+  constexpr timeval kLongest{kPatience.count() / 1000, 0};
+  setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &kLongest, sizeof kLongest);
+}
+
+int new_socket() {
+  const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  if (fd < 0) throw Failure("no socket can be made: " + last_error());
+  limit_waits(fd);
+  return fd;
+}
 
 bool connects(int fd, const sockaddr_un& address) {
   return connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
@@ -87,10 +99,32 @@ void write_line(int fd, std::string line) {
   }
 }
 
+std::string connect_trouble() {
+  if (errno == EACCES)
+    return last_error() +
+           "; its owner and its group may ask: become a member of that group, which "
+           "is curlew for the service of the package";
+  if (errno == EAGAIN || errno == EINTR) return "it does not answer";
+  if (errno == ENOENT || errno == ECONNREFUSED)
+    return last_error() + "; is it running, with this path as control in section [daemon]?";
+  return last_error();
+}
+
+void require_folder(const std::string& path) {
+  const std::filesystem::path folder = std::filesystem::absolute(path).parent_path();
+  std::error_code none;
+  if (!std::filesystem::is_directory(folder, none))
+    throw UsageError("the control socket " + path + " cannot be made: the folder " +
+                     folder.string() +
+                     " does not exist; make it, or set control in section "
+                     "[daemon]. systemd makes /run/curlew for the service");
+}
+
 }  // namespace
 
 ControlSocket::ControlSocket(const std::string& path) : path_(path) {
   const sockaddr_un address = address_of(path);
+  require_folder(path);
   {
     const Descriptor probe(new_socket());
     if (connects(probe.fd(), address))
@@ -119,13 +153,19 @@ void ControlSocket::serve(int timeout_ms,
                           const std::function<std::string(const std::string&)>& answer) const {
   if (!readable(listening_, timeout_ms)) return;
   const Descriptor peer(accept4(listening_, nullptr, nullptr, SOCK_CLOEXEC));
-  if (peer.fd() >= 0) write_line(peer.fd(), answer(read_line(peer.fd())));
+  if (peer.fd() < 0) {
+    // Whoever asks stays in the queue, as where there is no free descriptor.
+    poll(nullptr, 0, timeout_ms);
+    return;
+  }
+  limit_waits(peer.fd());
+  write_line(peer.fd(), answer(read_line(peer.fd())));
 }
 
 std::string ask_daemon(const std::string& path, const std::string& word) {
   const Descriptor peer(new_socket());
   if (!connects(peer.fd(), address_of(path)))
-    throw Failure("no curlew listens at " + path + ": " + last_error());
+    throw Failure("no curlew listens at " + path + ": " + connect_trouble());
   write_line(peer.fd(), word);
   std::string answer = read_line(peer.fd());
   if (answer.empty()) throw Failure("the curlew at " + path + " does not answer");

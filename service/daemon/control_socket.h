@@ -9,14 +9,16 @@ namespace curlew {
 /// The socket's owner and group may ask. A question is one line, and so is its answer.
 class ControlSocket {
  public:
-  /// Listens at path. A socket that a killed daemon left behind is replaced. Failure where the
-  /// socket cannot be made, or another daemon listens there.
+  /// Listens at path. A socket that a killed daemon left behind is replaced. UsageError where the
+  /// folder does not exist; Failure where the socket cannot be made, or another daemon listens
+  /// there.
   explicit ControlSocket(const std::string& path);
   ~ControlSocket();
   ControlSocket(const ControlSocket&) = delete;
   ControlSocket& operator=(const ControlSocket&) = delete;
 
-  /// Waits up to timeout_ms for somebody to ask, and answers. A signal ends the wait early.
+  /// Waits up to timeout_ms for somebody to ask, and answers. A signal ends the wait early. Where
+  /// nobody can be let in, for want of a descriptor, it waits as long.
   void serve(int timeout_ms, const std::function<std::string(const std::string&)>& answer) const;
 
  private:

@@ -5,9 +5,11 @@
 #include <algorithm>
 #include <chrono>
 #include <string>
+#include <utility>
 
 #include "acquisition/open_camera.h"
 #include "core/error.h"
+#include "service/program/interrupt.h"
 
 namespace curlew {
 namespace {
@@ -36,6 +38,7 @@ void DaemonConnection::run() {
       complaint.clear();
       if (had_frames) pause_s = kFirstPauseS;
     } catch (const Failure& failure) {
+      if (interrupted()) break;  // Opening was given up for it.
       if (!comes_and_goes(config.camera)) throw;
       if (failure.what() != complaint) spdlog::warn("{}", failure.what());
       complaint = failure.what();
@@ -61,8 +64,9 @@ bool DaemonConnection::connect(const Config& config) {
         enter_realtime("curlew-camera", realtime.camera_cpus, realtime.camera_priority));
   };
   const std::unique_ptr<Camera> camera = open_camera(config.camera, enter_camera_thread);
-  spdlog::info("{}: {} x {} px", camera->description(), camera->format().cols,
-               camera->format().rows);
+  const std::string opened = fmt::format("{}: {} x {} px", camera->description(),
+                                         camera->format().cols, camera->format().rows);
+  if (std::exchange(opened_, opened) != opened) spdlog::info("{}", opened);
   try {
     pipeline_.prepare(camera->format(), before.counts.connections);
   } catch (const Failure& failure) {
@@ -93,6 +97,7 @@ void DaemonConnection::stream(Camera& camera, const Config& config) {
     status_.stream_began(camera, exchange);
     for (const std::string& note : camera.notes()) spdlog::info("{}", note);
     status_.enter(DaemonState::kStreaming, camera.description());
+    opened_.clear();
     const LiveFeed::End end = run_pipeline(exchange, config);
     const bool over = end == LiveFeed::End::kClosed && camera.failure().empty();
     if (over || end == LiveFeed::End::kLimit) stop();

@@ -4,6 +4,7 @@
 #include <condition_variable>
 #include <memory>
 #include <mutex>
+#include <string>
 
 #include "acquisition/camera.h"
 #include "service/config.h"
@@ -51,6 +52,8 @@ class DaemonConnection {
   LiveFeed::Limits limits_;  ///< Its first_index is the index of the next frame.
   FeedControl control_;
   std::unique_ptr<ProcessRealtime> realtime_;
+  std::string
+      opened_;  ///< the camera that was opened last, so that it is not logged at each attempt
 
   std::mutex mutex_;  // It guards everything below.
   std::condition_variable woken_;

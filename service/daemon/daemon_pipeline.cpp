@@ -17,7 +17,14 @@ namespace {
 bool is_simulated(const Config& config) { return config.camera.source.rfind("sim:", 0) == 0; }
 
 Sensor sensor_for(const Config& config) {
-  if (!config.daemon.sensor.empty()) return read_sensor(config.daemon.sensor);
+  if (!config.daemon.sensor.empty()) {
+    try {
+      return read_sensor(config.daemon.sensor);
+    } catch (const Failure& failure) {
+      // It would be so again. As a matter of configuration it is no reason to start anew.
+      throw UsageError(failure.what());
+    }
+  }
   if (is_simulated(config)) return simulated_sensor(config.centroid);
   throw UsageError(
       "no sensor file: give --sensor, or sensor in section [daemon] of the configuration; "
@@ -47,6 +54,39 @@ void log_recorder(const std::string& sentence) {
   spdlog::log(bad ? spdlog::level::warn : spdlog::level::info, "{}", sentence);
 }
 
+RecordingHeader header_for(const Config& config, const Sensor& sensor) {
+  RecordingHeader header{sensor.optics, sensor.detector, provenance_of(config)};
+  header.provenance.sensor_hash = sensor_hash(sensor);
+  return header;
+}
+
+/// Refuses a trigger that would wait for ever.
+void check_trigger(const Config& config) {
+  const RecorderOptions& recorder = config.recorder;
+  if (recorder.mode != RecordMode::kTrigger || !recorder.trigger_on_vortex) return;
+  if (recorder.trigger_tracked_only && !config.track.enabled)
+    throw UsageError(
+        "[recorder] trigger_tracked_only needs tracks: set enabled in section [track]");
+  if (recorder.trigger_min_probability > 0.0 && !config.track.enabled &&
+      config.detect.method == DetectMethod::kCirculation)
+    throw UsageError(
+        "[recorder] trigger_min_probability needs probabilities, and the method circulation knows "
+        "none: take another method in [detect], or set enabled in section [track]");
+}
+
+/// Refuses a sensor file for other frames than those of the one in use. Before the first connection
+/// nothing else is known of the frames that will come.
+void check_same_frames(const Sensor& used, const Sensor& fresh) {
+  const auto frames_of = [](const Sensor& sensor) {
+    return fmt::format("{} x {} px, binned {}, from ({}, {})", sensor.frame_cols, sensor.frame_rows,
+                       sensor.binning, sensor.offset_x_px, sensor.offset_y_px);
+  };
+  if (frames_of(used) == frames_of(fresh)) return;
+  throw UsageError("the sensor file is for frames of " + frames_of(fresh) +
+                   ", and the one in use for " + frames_of(used) +
+                   "; start curlew again for other frames");
+}
+
 /// Logs which of the changed sections have to wait, and for what. The sensor file need not wait,
 /// although it stands in section [daemon].
 void log_sections_that_wait(const Config& old, Config fresh) {
@@ -67,8 +107,15 @@ DaemonPipeline::DaemonPipeline(std::function<Config()> configure, DaemonStatus& 
       config_(completed(configure_())),
       sensor_(sensor_for(config_)),
       placement_(config_.pipeline.cpus, config_.realtime.priority) {
-  if (!config_.daemon.jsonl.empty())
-    writer_ = std::make_unique<ResultWriter>(config_.daemon.jsonl, config_.pipeline.max_vortices);
+  check_trigger(config_);
+  const DaemonOptions& daemon = config_.daemon;
+  if (daemon.jsonl.empty()) return;
+  try {
+    writer_ =
+        std::make_unique<ResultWriter>(daemon.jsonl, daemon.lines, config_.pipeline.max_vortices);
+  } catch (const Failure& failure) {
+    throw UsageError(failure.what());  // as with the sensor file
+  }
 }
 
 Config DaemonPipeline::config() const {
@@ -79,6 +126,7 @@ Config DaemonPipeline::config() const {
 // What takes long is done without the mutex, so that the supervising thread never waits for it.
 void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections_before) {
   std::unique_lock lock(mutex_);
+  connected_ = true;
   if (format_ == format) return;
   format_.reset();  // Until everything fits the new format a reload makes no plan.
   pipeline_.reset();
@@ -108,7 +156,7 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
       streams = std::make_unique<StreamPublisher>(config.publish, *plan, format);
     recorder.reset();
     if (config.recorder.mode != RecordMode::kOff)
-      recorder = std::make_unique<Recorder>(config.recorder, format, sensor.optics, sensor.detector,
+      recorder = std::make_unique<Recorder>(config.recorder, format, header_for(config, sensor),
                                             log_recorder);
     lock.lock();
   }
@@ -125,7 +173,7 @@ void DaemonPipeline::run(LiveFeed& feed) {
   Publisher publisher;
   publisher.publish = [&](const FrameSlot& slot) {
     if (streams_) streams_->publish(slot);
-    if (recorder_) recorder_->add(*slot.frame, !slot.vortices.empty());
+    if (recorder_) recorder_->add(*slot.frame, &slot.vortices);
   };
   publisher.finish = [&, dropped_before = report_.dropped](const FrameSlot& slot,
                                                            std::int64_t dropped) {
@@ -156,6 +204,8 @@ void DaemonPipeline::reload() {
     config.recorder = config_.recorder;
     config.publish = config_.publish;
     config.metrics = config_.metrics;
+    check_trigger(config);
+    if (!connected_) check_same_frames(sensor_, sensor);
     std::optional<FrameFormat> format;
     std::shared_ptr<const Plan> plan;
     do {  // Another camera, connected meanwhile, makes another round necessary.
@@ -169,6 +219,7 @@ void DaemonPipeline::reload() {
     config_ = std::move(config);
     sensor_ = std::move(sensor);
     pending_plan_ = std::move(plan);
+    if (recorder_) recorder_->describe(header_for(config_, sensor_));
     spdlog::info("reload: configuration {} and sensor file are in use", config_hash(config_));
   } catch (const std::exception& error) {
     spdlog::error("reload: {}; the old plan stays", error.what());

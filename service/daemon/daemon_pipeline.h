@@ -71,6 +71,7 @@ class DaemonPipeline {
   Config config_;
   Sensor sensor_;
   std::int64_t configurations_ = 0;           ///< It grows with every reload.
+  bool connected_ = false;                    ///< A camera has told the format of its frames.
   std::optional<FrameFormat> format_;         ///< The pipeline and the recorder fit this format.
   std::shared_ptr<const Plan> pending_plan_;  ///< The pipeline has not adopted this plan yet.
 

@@ -45,7 +45,7 @@ struct StatusSnapshot {
   std::string reason;  ///< It tells why the state was entered; it may be empty.
   DaemonCounts counts;
   std::int64_t results = 0;  ///< It counts the results since the start.
-  bool recording = false;    ///< It says whether there is a recorder.
+  bool recording = false;    ///< It says whether there is or was a recorder.
   StatusWindow window;       ///< It is empty where the last seconds brought no result.
 };
 

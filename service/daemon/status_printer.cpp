@@ -16,7 +16,7 @@ constexpr int kSecondsALogLine = 10;
 double microseconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-3; }
 
 /// Returns how many frames each cause has kept from becoming a result or from being recorded.
-std::array<std::pair<const char*, std::int64_t>, 8> causes(const StatusSnapshot& status) {
+std::array<std::pair<const char*, std::int64_t>, 9> causes(const StatusSnapshot& status) {
   const FrameCounts& frames = status.counts.frames;
   return {{{"lost", frames.lost},
            {"incomplete", frames.incomplete},
@@ -25,7 +25,8 @@ std::array<std::pair<const char*, std::int64_t>, 8> causes(const StatusSnapshot&
            {"wrong_size", frames.wrong_size},
            {"other", frames.other},
            {"superseded", status.counts.superseded},
-           {"unrecorded", status.counts.recorder.dropped}}};
+           {"unrecorded", status.counts.recorder.dropped},
+           {"refused_packets", frames.refused_packets}}};
 }
 
 }  // namespace
@@ -73,6 +74,7 @@ std::string status_json(const StatusSnapshot& status) {
   json["lost"] = counts.frames.lost;
   json["incomplete"] = counts.frames.incomplete;
   json["dropped"] = counts.frames.dropped();
+  json["refused_packets"] = counts.frames.refused_packets;
   json["connections"] = counts.connections;
   json["recorded"] = counts.recorder.recorded;
   json["unrecorded"] = counts.recorder.dropped;

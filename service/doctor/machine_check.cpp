@@ -29,6 +29,7 @@ constexpr std::array kChecks = {
     NamedCheck{"swap", check_swap},
     NamedCheck{"socket buffer", check_socket_buffer},
     NamedCheck{"jumbo frames", check_jumbo_frames},
+    NamedCheck{"camera's network", check_camera_network},
     NamedCheck{"UDP losses", check_packet_loss},
     NamedCheck{"interface losses", check_interface_losses},
     NamedCheck{"USB memory", check_usb_memory},

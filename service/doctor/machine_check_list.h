@@ -30,6 +30,7 @@ Check check_swap(const Machine& machine, const MachineFiles& files);
 // machine_links.cpp: network and USB.
 Check check_socket_buffer(const Machine& machine, const MachineFiles& files);
 Check check_jumbo_frames(const Machine& machine, const MachineFiles& files);
+Check check_camera_network(const Machine& machine, const MachineFiles& files);
 Check check_packet_loss(const Machine& machine, const MachineFiles& files);
 Check check_interface_losses(const Machine& machine, const MachineFiles& files);
 Check check_usb_memory(const Machine& machine, const MachineFiles& files);

@@ -160,7 +160,51 @@ std::int64_t udp_counter(const MachineFiles& files, const std::string& wanted) {
   return 0;
 }
 
+/// Returns the addresses that have answered on an interface, but for one.
+std::vector<std::string> neighbours(const MachineFiles& files, const std::string& interface,
+                                    const std::string& but_for) {
+  constexpr unsigned kAnswered = 0x2;  // as in linux/if_arp.h
+  std::istringstream lines(files.text("/proc/net/arp").value_or(""));
+  std::vector<std::string> found;
+  std::string line;
+  std::getline(lines, line);  // the columns' names
+  while (std::getline(lines, line)) {
+    std::istringstream words(line);
+    std::string address, skipped, device;
+    unsigned flags = 0;
+    words >> address >> skipped >> std::hex >> flags >> skipped >> skipped >> device;
+    if (words && device == interface && (flags & kAnswered) != 0 && address != but_for)
+      found.push_back(address);
+  }
+  return found;
+}
+
 }  // namespace
+
+Check check_camera_network(const Machine& machine, const MachineFiles& files) {
+  const CameraLink link = camera_link(machine, files);
+  Check check;
+  if (link.interface.empty() || link.interface == "lo") {
+    check.found = link.interface.empty() ? link.sentence : "the camera is on this machine";
+    return check;
+  }
+  std::string others;
+  for (const Route& route : routes(files))
+    if (route.interface == link.interface && route.mask == 0) others = "the default route";
+  for (const std::string& address :
+       neighbours(files, link.interface, machine.config.camera.source.substr(7)))
+    others += (others.empty() ? "" : ", ") + address;
+  if (others.empty()) {
+    check.found = fmt::format("nobody but the camera is seen on {}", link.interface);
+    return check;
+  }
+  check.verdict = Verdict::kCouldBeBetter;
+  check.found = fmt::format("{}, {}, is shared with {}", link.interface, link.sentence, others);
+  check.advice =
+      "GigE Vision has no password: whoever is on the camera's network can take the camera over or "
+      "pretend to be it, and other traffic delays frames; give the camera an interface of its own";
+  return check;
+}
 
 Check check_socket_buffer(const Machine& machine, const MachineFiles& files) {
   // With a smaller buffer, frames of 128 x 128 Mono16 were lost at 1 kHz.

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <sstream>
+#include <string>
 #include <string_view>
 
 namespace curlew {
@@ -15,6 +17,13 @@ inline std::uint64_t fnv1a(std::string_view text) {
     hash *= 0x100000001b3U;
   }
   return hash;
+}
+
+/// Returns the hash in hexadecimal.
+inline std::string hash_text(std::string_view text) {
+  std::ostringstream hexadecimal;
+  hexadecimal << std::hex << fnv1a(text);
+  return hexadecimal.str();
 }
 
 }  // namespace curlew

@@ -11,6 +11,7 @@
 #include <cstring>
 #include <deque>
 #include <mutex>
+#include <optional>
 #include <utility>
 
 #include "core/error.h"
@@ -58,7 +59,20 @@ void become_polite() {
 struct Recorder::Item {
   explicit Item(const FrameFormat& format) : frame(format) {}
   FrameBuffer frame;
-  bool is_trigger = false;
+  bool is_asked = false;         ///< Somebody asked for this trigger.
+  std::optional<Vortex> vortex;  ///< This vortex is a trigger.
+
+  bool is_trigger() const { return is_asked || vortex; }
+  /// Says what triggered.
+  std::string cause() const {
+    if (is_asked || !vortex) return "the trigger was asked for";
+    std::string text = fmt::format("the trigger is a vortex of charge {:+} at ({:.2f}, {:.2f})",
+                                   vortex->charge, vortex->x, vortex->y);
+    if (vortex->probability != kUnknownProbability)
+      text += fmt::format(", probability {:.3f}", vortex->probability);
+    if (vortex->track >= 0) text += fmt::format(", track {}", vortex->track);
+    return text;
+  }
 };
 
 /// The recorder's thread runs this: it takes the items, and writes them or keeps them for a
@@ -66,21 +80,22 @@ struct Recorder::Item {
 class Recorder::Writer {
  public:
   Writer(SideQueue<Item>& queue, const RecorderOptions& options, const FrameFormat& format,
-         const Optics& optics, const Detector& detector,
-         const std::function<void(const std::string&)>& log)
+         const RecordingHeader& header, const std::function<void(const std::string&)>& log)
       : queue_(queue),
         options_(options),
         before_(seconds(options.before_s)),
         after_(seconds(options.after_s)),
         max_kept_(queue.items() - std::max<std::size_t>(2, queue.items() / 8)),
         log_(log),
-        files_(options, format, optics, detector, log) {}
+        files_(options, format, header, log) {}
 
   void run() {
     become_polite();
     Item* item = nullptr;
     while (true) {
-      if (queue_.take_for(item, kWaitTime_us)) {
+      const bool is_taken = queue_.take_for(item, kWaitTime_us);
+      if (has_header_.exchange(false)) describe_files();
+      if (is_taken) {
         handle(item);
       } else if (queue_.ended()) {
         break;
@@ -92,7 +107,18 @@ class Recorder::Writer {
 
   RecorderCounts counts() const { return files_.counts(); }
 
+  void describe(const RecordingHeader& header) {
+    const std::lock_guard lock(header_mutex_);
+    header_ = header;
+    has_header_ = true;
+  }
+
  private:
+  void describe_files() {
+    const std::lock_guard lock(header_mutex_);
+    files_.describe(header_);
+  }
+
   void handle(Item* item) {
     if (options_.mode == RecordMode::kContinuous) {
       write(item);
@@ -101,11 +127,12 @@ class Recorder::Writer {
     const auto time = item->frame.header.received;
     const bool recording = time <= until_;
     if (!recording) files_.end_file();
-    if (!recording && !item->is_trigger) {
+    if (!recording && !item->is_trigger()) {
       keep(item);
       return;
     }
-    if (item->is_trigger) {
+    if (item->is_trigger()) {
+      if (!recording) log_(item->cause());
       until_ = time + after_;
       forget_before(time - before_);
       for (Item* kept : kept_) write(kept);
@@ -149,21 +176,24 @@ class Recorder::Writer {
   std::size_t max_kept_;  ///< It is less than all items, so that some are free for new frames.
   std::function<void(const std::string&)> log_;
   RecorderFiles files_;
+  std::mutex header_mutex_;
+  RecordingHeader header_;
+  std::atomic<bool> has_header_{false};
   std::deque<Item*> kept_;  ///< These are the last frames before a trigger, oldest first.
   steady_clock::time_point until_ = steady_clock::time_point::min();  ///< The event ends then.
   bool has_told_of_memory_ = false;
 };
 
-Recorder::Recorder(const RecorderOptions& options, const FrameFormat& format, const Optics& optics,
-                   const Detector& detector, std::function<void(const std::string&)> log)
-    : trigger_on_vortex_(options.mode == RecordMode::kTrigger && options.trigger_on_vortex) {
+Recorder::Recorder(const RecorderOptions& options, const FrameFormat& format,
+                   const RecordingHeader& header, std::function<void(const std::string&)> log)
+    : options_(options) {
   if (options.mode == RecordMode::kOff) return;
   check_memory(options.memory_mb);
   queue_ = std::make_unique<SideQueue<Item>>(item_count(options, format),
                                              [&] { return std::make_unique<Item>(format); });
   // The recorder's thread and the compressor's thread both log.
   const auto mutex = std::make_shared<std::mutex>();
-  writer_ = std::make_unique<Writer>(*queue_, options, format, optics, detector,
+  writer_ = std::make_unique<Writer>(*queue_, options, format, header,
                                      [mutex, log = std::move(log)](const std::string& sentence) {
                                        const std::lock_guard lock(*mutex);
                                        log(sentence);
@@ -181,15 +211,32 @@ RecorderCounts Recorder::finish() {
   return counts();
 }
 
-void Recorder::add(const FrameBuffer& frame, bool has_vortex) noexcept {
+/// Returns the first vortex that is a trigger; null where none is.
+const Vortex* Recorder::triggering(const VortexList& vortices) const noexcept {
+  if (options_.mode != RecordMode::kTrigger || !options_.trigger_on_vortex) return nullptr;
+  const auto is_trigger = [&](const Vortex& vortex) {
+    return (!options_.trigger_tracked_only || vortex.track >= 0) &&
+           (options_.trigger_min_probability <= 0.0 ||
+            static_cast<double>(vortex.probability) >= options_.trigger_min_probability);
+  };
+  const auto* const found = std::find_if(vortices.begin(), vortices.end(), is_trigger);
+  return found != vortices.end() ? &*found : nullptr;
+}
+
+void Recorder::describe(const RecordingHeader& header) {
+  if (writer_) writer_->describe(header);
+}
+
+void Recorder::add(const FrameBuffer& frame, const VortexList* vortices) noexcept {
   if (!queue_) return;
   Item* item = queue_->claim();
   if (item == nullptr) return;
   std::memcpy(item->frame.data(), frame.view().pixels, frame.format().bytes());
   item->frame.header = frame.header;
-  item->is_trigger = (triggered_.load(std::memory_order_relaxed) &&
-                      triggered_.exchange(false, std::memory_order_relaxed)) ||
-                     (trigger_on_vortex_ && has_vortex);
+  item->is_asked = triggered_.load(std::memory_order_relaxed) &&
+                   triggered_.exchange(false, std::memory_order_relaxed);
+  const Vortex* const vortex = vortices != nullptr ? triggering(*vortices) : nullptr;
+  item->vortex = vortex != nullptr ? std::optional(*vortex) : std::nullopt;
   queue_->send(item);
 }
 

@@ -8,9 +8,12 @@
 #include <string>
 #include <thread>
 
+#include "acquisition/recording/provenance.h"
 #include "core/frame.h"
 #include "core/optics.h"
 #include "core/side_queue.h"
+#include "core/vortex.h"
+#include "service/program/version.h"
 
 namespace curlew {
 
@@ -27,11 +30,21 @@ struct RecorderOptions {
   double before_s = 5.0;           ///< With kTrigger this much is kept, if memory_mb suffices.
   double after_s = 5.0;            ///< With kTrigger it records this long after a trigger.
   bool trigger_on_vortex = false;  ///< With kTrigger a frame with a vortex is a trigger.
-  int memory_mb = 256;             ///< It holds frames to be written, or kept for a trigger.
-  int max_file_mb = 2000;          ///< At this size the next file begins.
-  double max_file_s = 600.0;       ///< At this age the next file begins.
-  int min_free_mb = 500;           ///< Recording stops before the disk has less free.
-  bool compress = false;           ///< Complete files get lossless tile compression (Rice).
+  /// Such a vortex is at least this probable; 0: as probable as any that is reported.
+  double trigger_min_probability = 0.0;
+  bool trigger_tracked_only = false;  ///< Such a vortex has a track.
+  int memory_mb = 256;                ///< It holds frames to be written, or kept for a trigger.
+  int max_file_mb = 2000;             ///< At this size the next file begins.
+  double max_file_s = 600.0;          ///< At this age the next file begins.
+  int min_free_mb = 500;              ///< Recording stops before the disk has less free.
+  bool compress = false;              ///< Complete files get lossless tile compression (Rice).
+};
+
+/// This is what the files' headers say beside the format of the frames.
+struct RecordingHeader {
+  Optics optics;
+  Detector detector;
+  Provenance provenance{kProgram};
 };
 
 /// This is what the recorder has done so far.
@@ -58,8 +71,10 @@ struct RecorderCounts {
 /// after_s after it. A further trigger in this time extends the event. Each event begins a file,
 /// and no frame is recorded twice.
 ///
-/// Where the disk is nearly full it stops, and goes on once there is room again. After a write
-/// error it stays stopped. While it is stopped, frames count as dropped.
+/// Where the disk is nearly full, or the folder gone, it stops, and goes on once there is room
+/// again. After a write error it stays stopped. While it is stopped, frames count as dropped. Where
+/// somebody removes or moves the file, a new one begins within a second. Frames in a file that was
+/// removed are lost, and count as dropped.
 class Recorder {
  public:
   /// Makes memory_mb of frame buffers (at least 4 frames) and begins its thread. With kOff it makes
@@ -67,16 +82,20 @@ class Recorder {
   /// time, when a file is begun or complete, and when recording stops or goes on. Failure where the
   /// folder cannot be written, or the frames are not in plain ADU. UsageError where memory_mb is
   /// more than half of the machine's memory.
-  Recorder(const RecorderOptions& options, const FrameFormat& format, const Optics& optics,
-           const Detector& detector, std::function<void(const std::string&)> log);
+  Recorder(const RecorderOptions& options, const FrameFormat& format, const RecordingHeader& header,
+           std::function<void(const std::string&)> log);
 
   ~Recorder();
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
   /// The publisher's thread calls this once a frame. It copies the pixels, and never waits,
-  /// allocates or throws.
-  void add(const FrameBuffer& frame, bool has_vortex) noexcept;
+  /// allocates or throws. vortices: those of the frame, which may be triggers; null: none.
+  void add(const FrameBuffer& frame, const VortexList* vortices = nullptr) noexcept;
+
+  /// Says what the headers hold from now on. Where the provenance is new, so is the file. Any
+  /// thread may call this.
+  void describe(const RecordingHeader& header);
 
   /// With kTrigger the next frame added is the trigger. Any thread may call this, and more than
   /// once.
@@ -93,9 +112,11 @@ class Recorder {
  private:
   struct Item;
   class Writer;
+  const Vortex* triggering(const VortexList& vortices) const noexcept;
+
+  RecorderOptions options_;
   std::unique_ptr<SideQueue<Item>> queue_;
   std::unique_ptr<Writer> writer_;
-  bool trigger_on_vortex_;
   std::atomic<bool> triggered_{false};
   std::thread thread_;
 };

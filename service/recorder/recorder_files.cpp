@@ -24,7 +24,7 @@ constexpr std::int64_t kMegabyte = 1'000'000;
 constexpr std::chrono::milliseconds kCommitInterval{500};
 constexpr std::chrono::seconds kLookInterval{1};
 // The headers and the padding behind the frames need less than this many bytes.
-constexpr std::int64_t kBlocks = std::int64_t{5} * 2880;
+constexpr std::int64_t kBlocks = std::int64_t{20} * 2880;
 
 // Returns a name like curlew-20261123T041500.123Z.
 std::string file_name(std::int64_t utc_ns) {
@@ -70,12 +70,10 @@ void require_writable(const std::string& folder) {
 }  // namespace
 
 RecorderFiles::RecorderFiles(RecorderOptions options, const FrameFormat& format,
-                             const Optics& optics, const Detector& detector,
-                             std::function<void(const std::string&)> log)
+                             RecordingHeader header, std::function<void(const std::string&)> log)
     : options_(std::move(options)),
       format_(format),
-      optics_(optics),
-      detector_(detector),
+      header_(std::move(header)),
       log_(std::move(log)) {
   require_writable(options_.folder);
   if (format.scale_adu != 1.0 || format.zero_adu != 0.0) {
@@ -140,7 +138,10 @@ void RecorderFiles::begin_file(const FrameHeader& first) {
   const std::string name = file_name(utc_ns);
   std::filesystem::path path = folder / (name + ".fits");
   for (int n = 2; taken(path); ++n) path = folder / fmt::format("{}-{}.fits", name, n);
-  file_ = std::make_unique<GrowingRecording>(path.string(), format_, optics_, detector_, kProgram);
+  Provenance provenance = header_.provenance;
+  provenance.observed_ns = utc_ns;
+  file_ = std::make_unique<GrowingRecording>(path.string(), format_, header_.optics,
+                                             header_.detector, provenance);
   in_whole_files_ = recorded_;
   first_received_ = first.received;
   next_commit_ = {};  // It is due at once, so that the file appears with its first frame.
@@ -155,14 +156,42 @@ bool RecorderFiles::file_is_full(const FrameHeader& next) const {
              options_.max_file_mb * kMegabyte;
 }
 
+void RecorderFiles::describe(const RecordingHeader& header) noexcept {
+  or_fail([&] {
+    if (header.provenance == header_.provenance) return;
+    if (file_) complete_file();
+    header_ = header;
+  });
+}
+
 void RecorderFiles::commit() {
   file_->commit();
   count_recorded();
   next_commit_ = steady_clock::now() + kCommitInterval;
+  notice_loss();
+}
+
+/// Gives up a file that does not have its name any more.
+void RecorderFiles::notice_loss() {
+  const GrowingRecording::Whereabouts where = file_->whereabouts();
+  if (where == GrowingRecording::Whereabouts::kHere) return;
+  const bool is_lost = where == GrowingRecording::Whereabouts::kRemoved;
+  const std::string path = file_->path();
+  const std::int64_t frames = file_->frames();
+  file_.reset();
+  if (is_lost) {
+    recorded_.store(in_whole_files_, std::memory_order_relaxed);
+    count_the_rest_dropped();
+    log_(fmt::format("{} was removed while it was recorded: its {} frames are lost", path, frames));
+  } else {
+    log_(fmt::format("{} was moved while it was recorded: it ends there, after {} frames", path,
+                     frames));
+  }
 }
 
 void RecorderFiles::complete_file() {
   commit();
+  if (!file_) return;
   const std::string path = file_->path();
   const std::int64_t frames = file_->committed();
   const auto bytes = static_cast<double>(file_->bytes());
@@ -173,28 +202,46 @@ void RecorderFiles::complete_file() {
 
 bool RecorderFiles::disk_has_room() {
   if (stopped_) return !failed_ && room_is_back();
+  if (!file_ && !folder_is_there()) {
+    stop(options_.min_free_mb, fmt::format("the folder {} is gone; it goes on by itself once it is "
+                                           "there again",
+                                           options_.folder));
+    return false;
+  }
   // The disk must take the next frame, and behind it the whole table again, with one row more.
   const std::int64_t rows = 1 + (file_ ? file_->frames() : 0);
   const std::int64_t next =
       static_cast<std::int64_t>(format_.bytes()) + rows * kFrameRowBytes + kBlocks;
-  if (free_bytes(options_.folder) - next >= options_.min_free_mb * kMegabyte) return true;
+  // The folder of a file that goes on may be gone; the next look at the file finds out.
+  if (!folder_is_there() || free_bytes(options_.folder) - next >= options_.min_free_mb * kMegabyte)
+    return true;
   if (file_) complete_file();
-  stopped_ = true;
-  next_look_ = steady_clock::now() + kLookInterval;
-  log_(
-      fmt::format("recording stopped: the disk of {} would have less than {} MB left "
-                  "(recorder.min_free_mb); it goes on by itself once {} MB are free",
-                  options_.folder, options_.min_free_mb, resume_mb(options_)));
+  stop(resume_mb(options_),
+       fmt::format("the disk of {} would have less than {} MB left (recorder.min_free_mb); it goes "
+                   "on by itself once {} MB are free",
+                   options_.folder, options_.min_free_mb, resume_mb(options_)));
   return false;
+}
+
+bool RecorderFiles::folder_is_there() const {
+  std::error_code ignored;
+  return std::filesystem::is_directory(options_.folder, ignored);
+}
+
+void RecorderFiles::stop(std::int64_t resume_mb, const std::string& why) {
+  stopped_ = true;
+  resume_mb_ = resume_mb;
+  next_look_ = steady_clock::now() + kLookInterval;
+  log_("recording stopped: " + why);
 }
 
 bool RecorderFiles::room_is_back() {
   if (steady_clock::now() < next_look_) return false;
   next_look_ = steady_clock::now() + kLookInterval;
-  if (free_bytes(options_.folder) < resume_mb(options_) * kMegabyte) return false;
+  if (!folder_is_there() || free_bytes(options_.folder) < resume_mb_ * kMegabyte) return false;
   stopped_ = false;
-  log_(fmt::format("recording goes on: the disk of {} has {} MB free again", options_.folder,
-                   resume_mb(options_)));
+  log_(fmt::format("recording goes on: {} has {} MB free", options_.folder,
+                   free_bytes(options_.folder) / kMegabyte));
   return true;
 }
 

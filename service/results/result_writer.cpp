@@ -4,19 +4,25 @@
 
 #include <chrono>
 #include <exception>
+#include <utility>
 
 #include "core/stage_timer.h"
+#include "service/results/json_line.h"
 
 namespace curlew {
 namespace {
 
 constexpr std::size_t kResults = 512;  // so many may wait: half a second at 1 kHz
 constexpr std::int64_t kFlushUs = 200'000;
+constexpr std::size_t kBufferBytes = 1 << 16;
 
 }  // namespace
 
-ResultWriter::ResultWriter(const std::string& path, std::size_t capacity)
-    : lines_(path, JsonLinesFile::kGrowing),
+ResultWriter::ResultWriter(const std::string& path, const JsonLinesOptions& options,
+                           std::size_t capacity)
+    : every_nth_(options.every_nth),
+      vortices_only_(options.vortices_only),
+      lines_(path, options),
       queue_(kResults, [&] { return std::make_unique<FrameResult>(capacity); }),
       thread_([this] { write(); }) {}
 
@@ -30,6 +36,7 @@ std::int64_t ResultWriter::finish() {
 }
 
 void ResultWriter::add(const FrameSlot& slot, std::int64_t dropped) noexcept {
+  if (slot.frame_index % every_nth_ != 0 || (vortices_only_ && slot.vortices.empty())) return;
   FrameResult* result = queue_.claim();
   if (result == nullptr) return;
   result->copy(slot, dropped);
@@ -37,28 +44,38 @@ void ResultWriter::add(const FrameSlot& slot, std::int64_t dropped) noexcept {
 }
 
 void ResultWriter::write() {
-  bool failing = false;
   auto flushed = std::chrono::steady_clock::now();
-  const auto attempt = [&](auto&& action) {
-    try {
-      action();
-    } catch (const std::exception& error) {
-      if (!failing) spdlog::error("{}; no more results are written", error.what());
-      failing = true;
-    }
-  };
   FrameResult* result = nullptr;
   while (!queue_.ended()) {
     if (queue_.take_for(result, kFlushUs)) {
-      if (!failing) attempt([&] { lines_.add(*result); });
-      if (failing) ++failed_;
+      append_json_line(*result, text_);
+      ++text_lines_;
       queue_.give_back(result);
     }
-    if (failing || nanoseconds_since(flushed) < kFlushUs * 1000) continue;
-    attempt([&] { lines_.flush(); });
+    if (!lines_.is_stream() && text_.size() < kBufferBytes &&
+        nanoseconds_since(flushed) < kFlushUs * 1000)
+      continue;
+    write_out();
     flushed = std::chrono::steady_clock::now();
   }
-  if (!failing) attempt([&] { lines_.commit(); });
+  write_out();
+}
+
+/// Writes the lines, or counts them where that cannot be done. Logs when trouble begins and ends.
+void ResultWriter::write_out() {
+  if (text_.empty()) return;
+  if (lines_.write(text_)) {
+    if (missing_ > 0)
+      spdlog::info("JSON lines are written again; {} results are missing", missing_);
+    missing_ = 0;
+  } else {
+    if (missing_ == 0)
+      spdlog::error("{}; results are missing until it can be written again", lines_.trouble());
+    missing_ += text_lines_;
+    failed_ += text_lines_;
+  }
+  text_.clear();
+  text_lines_ = 0;
 }
 
 }  // namespace curlew

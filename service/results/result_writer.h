@@ -1,39 +1,47 @@
 // ResultWriter writes JSON lines beside the live pipeline, without ever slowing it.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <string>
 #include <thread>
 
 #include "core/side_queue.h"
 #include "service/results/frame_result.h"
-#include "service/results/json_lines.h"
+#include "service/results/growing_lines.h"
 
 namespace curlew {
 
 class ResultWriter {
  public:
-  /// Appends to the file, or writes to the pipe. capacity: the most vortices a frame can have.
-  /// Throws Failure if the file or pipe cannot be opened.
-  ResultWriter(const std::string& path, std::size_t capacity);
+  /// path: as in GrowingLines. capacity: the most vortices a frame can have. Throws Failure if the
+  /// file cannot be written; a pipe may get its reader later.
+  ResultWriter(const std::string& path, const JsonLinesOptions& options, std::size_t capacity);
   ~ResultWriter() { finish(); }
   ResultWriter(const ResultWriter&) = delete;
   ResultWriter& operator=(const ResultWriter&) = delete;
 
-  /// Copies the result; never waits, allocates or throws. The publisher's thread calls it.
+  /// Copies the result if its frame shall get a line; never waits, allocates or throws. The
+  /// publisher's thread calls it.
   void add(const FrameSlot& slot, std::int64_t dropped) noexcept;
 
   /// Writes what is left. Do not call add() any more. Returns how many results were not written,
-  /// because the disk was too slow or failed. The destructor calls it too.
+  /// because the disk or a reader was too slow or failed. The destructor calls it too.
   std::int64_t finish();
 
  private:
   void write();
+  void write_out();
 
-  JsonLines lines_;
+  const int every_nth_;
+  const bool vortices_only_;
+  GrowingLines lines_;
   SideQueue<FrameResult> queue_;
-  std::atomic<std::int64_t> failed_{0};
+
+  // These belong to the writing thread, while there is one.
+  std::int64_t failed_ = 0;      ///< results that could not be written
+  std::string text_;             ///< whole lines that are not written yet
+  std::int64_t text_lines_ = 0;  ///< how many they are
+  std::int64_t missing_ = 0;     ///< results that could not be written since the trouble began
   std::thread thread_;
 };
 

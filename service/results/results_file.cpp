@@ -5,6 +5,8 @@
 #include <limits>
 #include <span>
 
+#include "acquisition/recording/provenance.h"
+#include "acquisition/recording/recording_keys.h"
 #include "core/error.h"
 #include "service/program/version.h"
 
@@ -94,7 +96,7 @@ SaveOptions save_options_from(const std::vector<std::string>& words) {
 }
 
 ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOptions& save,
-                         std::int64_t frames, const std::string& configuration_hash)
+                         std::int64_t frames)
     : file_(FitsFile::create(path)),
       grid_(plan.grid),
       frame_table_("FRAMES", {{"FRAME", 'K', ""},
@@ -129,9 +131,13 @@ ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOp
                             {"ONE_SUBLATTICE", 'J', ""}}),
       latency_table_("LATENCY", latency_columns()) {
   file_.create_image(ElementType::kU8, {});
-  file_.write_key("CREATOR", std::string(kProgram));
   file_.write_key("CONTENT", std::string("CURLEW RESULTS"));
-  file_.write_key("CONFHASH", configuration_hash, "hash of the configuration");
+  write_optics(file_, plan.optics);
+  write_detector(file_, plan.detector);
+  Provenance provenance = provenance_of(plan.config);
+  provenance.sensor_hash = plan.sensor_hash;
+  write_provenance(file_, provenance);
+  file_.write_key("DATE-OBS", std::string(), "UTC of the first frame");  // in advance, see commit()
   const auto add_cube = [&](bool wanted, const std::string& name, const std::string& unit,
                             const std::vector<std::int64_t>& plane_shape,
                             std::vector<float> (*plane)(const FrameSlot&)) {
@@ -163,9 +169,9 @@ void ResultsFile::add(const FrameSlot& slot) {
     file_.write_pixels<float>(frames_ * cube.plane_elements, cube.plane(slot));
   }
   if (modes_) modes_->add(slot);
-  ++frames_;
   const std::int64_t frame = slot.frame_index;
   const FrameHeader& header = slot.frame->header;
+  if (frames_++ == 0) observed_ns_ = header.received_ns;
   frame_table_.append(frame, header.sequence, header.camera_ns, header.received_ns, header.status,
                       slot.slopes.n_valid, slot.vortices.size(), slot.vortices.overflow());
   for (const Vortex& v : slot.vortices) {
@@ -194,6 +200,9 @@ void ResultsFile::commit() {
     file_.select(cube.hdu);
     if (cube.planes != frames_) file_.resize_planes(frames_);
   }
+  file_.select(0);
+  if (observed_ns_ > 0)
+    file_.write_key("DATE-OBS", utc_text(observed_ns_), "UTC of the first frame");
   frame_table_.write(file_);
   vortex_table_.write(file_);
   hole_table_.write(file_);

@@ -34,7 +34,7 @@ class ResultsFile {
  public:
   /// frames: how many frames are expected. More or fewer may come.
   ResultsFile(const std::string& path, const Plan& plan, const SaveOptions& save,
-              std::int64_t frames, const std::string& configuration_hash);
+              std::int64_t frames);
 
   void add(const FrameSlot& slot);
   /// Adds the frame's latency, once it is complete and add() was called.
@@ -52,6 +52,7 @@ class ResultsFile {
   FitsFile file_;
   LensletGrid grid_;
   std::int64_t frames_ = 0;
+  std::int64_t observed_ns_ = 0;  ///< UTC of the first frame; 0 where it is not known
   std::vector<Cube> cubes_;
   MemoryTable frame_table_;
   MemoryTable vortex_table_;

@@ -9,6 +9,7 @@
 #include "acquisition/open_camera.h"
 #include "acquisition/recording/recording.h"
 #include "core/error.h"
+#include "core/utc_now.h"
 #include "service/program/interrupt.h"
 #include "service/program/progress.h"
 #include "service/program/version.h"
@@ -24,7 +25,11 @@ void capture_frames(const CameraOptions& options, std::int64_t frames, const std
   const std::unique_ptr<Camera> camera = open_camera(options, {});
   fmt::print("{}: {} frames of {} x {} px\n", camera->description(), frames, camera->format().cols,
              camera->format().rows);
-  RecordingWriter recording(path, camera->format(), camera->optics(), camera->detector(), kProgram);
+  Provenance provenance(kProgram);
+  provenance.observed_ns = utc_now_ns();
+  provenance.history = {"captured from " + camera->description()};
+  RecordingWriter recording(path, camera->format(), camera->optics(), camera->detector(),
+                            provenance);
   FrameExchange exchange(camera->format(), static_cast<std::size_t>(options.buffers) + 2);
   std::string trouble;
   {

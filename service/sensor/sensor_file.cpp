@@ -10,7 +10,7 @@
 #include "acquisition/recording/recording_keys.h"
 #include "core/error.h"
 #include "core/memory_limit.h"
-#include "service/program/version.h"
+#include "service/program/hash.h"
 #include "service/sensor/sensor_check.h"
 
 namespace curlew {
@@ -28,6 +28,7 @@ std::span<const T> values(const Image<T>& image) {
 template <typename T>
 void write_image(FitsFile& file, ElementType element, const Image<T>& image,
                  const std::string& name, const std::string& unit = "") {
+  if (image.empty()) return;
   file.create_image(element, {image.rows(), image.cols()}, name, unit);
   file.write_pixels<T>(0, values(image));
 }
@@ -46,7 +47,6 @@ void write_grid(FitsFile& file, const LensletGrid& grid) {
 
 /// Writes all keys of the primary header.
 void write_keys(FitsFile& file, const Sensor& sensor) {
-  file.write_key("CREATOR", std::string(kProgram));
   file.write_key("CONTENT", std::string("CURLEW SENSOR"));
   write_optics(file, sensor.optics);
   write_detector(file, sensor.detector);
@@ -94,10 +94,18 @@ void write_lenslet_maps(FitsFile& file, const Sensor& sensor) {
 
 /// Writes those maps of the frame's pixels that are known.
 void write_pixel_maps(FitsFile& file, const Sensor& sensor) {
-  if (!sensor.dark_adu.empty())
-    write_image(file, ElementType::kF32, sensor.dark_adu, "DARK", "adu");
-  if (!sensor.flat.empty()) write_image(file, ElementType::kF32, sensor.flat, "FLAT");
-  if (!sensor.bad_pixel.empty()) write_image(file, ElementType::kU8, sensor.bad_pixel, "BADPIX");
+  write_image(file, ElementType::kF32, sensor.dark_adu, "DARK", "adu");
+  write_image(file, ElementType::kF32, sensor.flat, "FLAT");
+  write_image(file, ElementType::kU8, sensor.bad_pixel, "BADPIX");
+}
+
+/// provenance: null where only the sensor itself matters.
+void write_content(FitsFile& file, const Sensor& sensor, const Provenance* provenance) {
+  file.create_image(ElementType::kU8, {});
+  write_keys(file, sensor);
+  if (provenance != nullptr) write_provenance(file, *provenance);
+  write_lenslet_maps(file, sensor);
+  write_pixel_maps(file, sensor);
 }
 
 template <typename T>
@@ -227,13 +235,17 @@ void read_pixel_maps(FitsFile& file, Sensor& sensor) {
 
 }  // namespace
 
-void write_sensor(const std::string& path, const Sensor& sensor) {
+void write_sensor(const std::string& path, const Sensor& sensor, const Provenance& provenance) {
   FitsFile file = FitsFile::create(path);
-  file.create_image(ElementType::kU8, {});
-  write_keys(file, sensor);
-  write_lenslet_maps(file, sensor);
-  write_pixel_maps(file, sensor);
+  write_content(file, sensor, &provenance);
   file.commit();
+}
+
+std::string sensor_hash(const Sensor& sensor) {
+  FitsFile file = FitsFile::create_in_memory("the sensor");
+  write_content(file, sensor, nullptr);
+  const std::span<const std::byte> bytes = file.memory();
+  return hash_text({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
 }
 
 Sensor read_sensor(const std::string& path) {

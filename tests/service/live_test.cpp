@@ -233,6 +233,34 @@ TEST_P(Live, MissedDeadlinesAreCountedAndMarked) {
   }
 }
 
+/// Says that its frames were received 5 ms ago.
+class OldFrames final : public FrameSource {
+ public:
+  explicit OldFrames(FrameSource& frames) : frames_(frames) {}
+  const FrameFormat& format() const override { return frames_.format(); }
+  std::int64_t frame_count() const override { return frames_.frame_count(); }
+  Delivery next(FrameBuffer& into) override {
+    const Delivery delivery = frames_.next(into);
+    into.header.received -= milliseconds(5);
+    return delivery;
+  }
+
+ private:
+  FrameSource& frames_;
+};
+
+// The deadline is in microseconds: after 5 ms a result is late for a deadline of 1000 µs.
+TEST_P(Live, TheDeadlineIsInMicroseconds) {
+  config_.pipeline.deadline_us = 1000.0;
+  Pipeline pipeline(plan(config_), config_.pipeline);
+  SameFrame frames(one_vortex(), 20);
+  OldFrames source(frames);
+  RecordedFeed feed(source, {});
+  const RunReport report = pipeline.run(feed, {});
+  EXPECT_EQ(report.frames, 20);
+  EXPECT_EQ(report.late, 20);
+}
+
 INSTANTIATE_TEST_SUITE_P(Modes, Live, ::testing::Values(Threading::kInline, Threading::kPerStage),
                          [](const auto& mode) {
                            return std::string(mode.param == Threading::kInline ? "inline"

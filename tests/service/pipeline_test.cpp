@@ -6,10 +6,13 @@
 #include <chrono>
 #include <cstdint>
 #include <cstring>
+#include <functional>
+#include <set>
 #include <stdexcept>
 #include <thread>
 
 #include "acquisition/simulator/simulator.h"
+#include "core/error.h"
 #include "tests/support/exact_sensor.h"
 
 namespace curlew {
@@ -63,6 +66,8 @@ std::string bytes_of(const FrameSlot& slot) {
 
 struct Collected {
   std::vector<std::string> frames;
+  std::set<std::int64_t> tracks;
+  int reloads = 0;
   RunReport report;
 };
 
@@ -95,7 +100,11 @@ class WanderingSource final : public FrameSource {
   std::int64_t next_ = 0;
 };
 
-Collected run(Threading threads, std::size_t slots, DetectMethod method, bool wandering = false) {
+/// What is done to the configuration every ten frames, when the pipeline gets a new plan.
+using Reload = std::function<void(Config&)>;
+
+Collected run(Threading threads, std::size_t slots, DetectMethod method, bool wandering = false,
+              const Reload& reload = {}) {
   Simulator simulator(moving_vortices(kFrames));
   const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
   Config config;
@@ -111,7 +120,15 @@ Collected run(Threading threads, std::size_t slots, DetectMethod method, bool wa
   RecordedFeed feed(source, {});
   Collected collected;
   Publisher publisher;
-  publisher.publish = [&](const FrameSlot& slot) { collected.frames.push_back(bytes_of(slot)); };
+  publisher.publish = [&](const FrameSlot& slot) {
+    collected.frames.push_back(bytes_of(slot));
+    for (const Vortex& vortex : slot.vortices)
+      if (vortex.track >= 0) collected.tracks.insert(vortex.track);
+    if (!reload || slot.frame_index % 10 != 9) return;
+    reload(config);
+    if (pipeline.adopt(std::make_shared<const Plan>(sensor, simulator.format(), config)))
+      ++collected.reloads;
+  };
   collected.report = pipeline.run(feed, publisher);
   return collected;
 }
@@ -173,6 +190,51 @@ class CountingSource final : public FrameSource {
   std::int64_t fails_at_;
   std::int64_t next_ = 0;
 };
+
+// A reload keeps what it does not concern: with the same configuration nothing changes at all.
+TEST(PipelineReload, TheSamePlanAgainChangesNoBit) {
+  for (const Threading threads : {Threading::kInline, Threading::kPerStage}) {
+    for (const bool wandering : {false, true}) {
+      const Collected once = run(threads, 4, DetectMethod::kWhitened, wandering);
+      const Collected reloaded =
+          run(threads, 4, DetectMethod::kWhitened, wandering, [](Config&) {});
+      EXPECT_GE(reloaded.reloads, 3);
+      EXPECT_EQ(once.tracks, reloaded.tracks);
+      EXPECT_TRUE(wandering || !once.tracks.empty());
+      ASSERT_EQ(once.frames.size(), reloaded.frames.size());
+      for (std::size_t i = 0; i < once.frames.size(); ++i)
+        ASSERT_EQ(once.frames[i], reloaded.frames[i]) << "frame " << i;
+    }
+  }
+}
+
+TEST(PipelineReload, TracksGoOnUnlessTheirOwnSettingsChange) {
+  constexpr std::int64_t kNewTracker = std::int64_t{1} << 40;
+  const auto tracks = [](const Reload& reload) {
+    return run(Threading::kInline, 1, DetectMethod::kWhitened, false, reload).tracks;
+  };
+  const std::set<std::int64_t> kept = tracks([](Config& config) {
+    config.detect.false_alarms_per_frame *= 1.01;
+    config.split.weighted = !config.split.weighted;
+    config.centroid.min_snr *= 1.01;
+  });
+  ASSERT_FALSE(kept.empty());
+  EXPECT_LT(*kept.rbegin(), kNewTracker);
+  const std::set<std::int64_t> renewed =
+      tracks([](Config& config) { config.track.longest_gap_frames += 1.0; });
+  ASSERT_FALSE(renewed.empty());
+  EXPECT_GE(*renewed.rbegin(), kNewTracker);
+}
+
+TEST(PipelineReload, AnOptionWithoutEffectWhileTrackingIsRefused) {
+  Simulator simulator(moving_vortices(1));
+  const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
+  Config config;
+  config.detect.min_probability = 0.9;
+  EXPECT_NO_THROW(Plan(sensor, simulator.format(), config));
+  config.track.enabled = true;
+  EXPECT_THROW(Plan(sensor, simulator.format(), config), UsageError);
+}
 
 class PipelineModes : public ::testing::TestWithParam<Threading> {
  protected:

@@ -7,13 +7,14 @@
 
 namespace curlew {
 
-/// Returns what `act` threw as a Failure; empty if it threw nothing. Other exceptions pass.
-template <typename Act>
+/// Returns what `act` threw as a Failure, or another Error; empty if it threw nothing. Other
+/// exceptions pass.
+template <typename Error = Failure, typename Act>
 std::string failure_text(Act&& act) {
   try {
     act();
-  } catch (const Failure& failure) {
-    return failure.what();
+  } catch (const Error& error) {
+    return error.what();
   }
   return {};
 }

@@ -8,7 +8,9 @@
 
 #include <algorithm>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
+#include <set>
 #include <stdexcept>
 #include <utility>
 
@@ -18,6 +20,10 @@ namespace curlew {
 namespace {
 
 constexpr std::int64_t kNumbers = 65535;
+constexpr int kControlPort = 3956;
+// These are registers of GigE Vision.
+constexpr std::uint32_t kStreamPort = 0x0d00;
+constexpr std::uint32_t kStreamSourcePort = 0x0d1c;
 
 struct Format {
   const char* name;
@@ -67,11 +73,28 @@ std::string camera_description() {
   return text;
 }
 
+/// Returns the ports of this process' UDP sockets.
+std::set<int> udp_ports() {
+  std::set<int> ports;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
+    const int fd = std::stoi(entry.path().filename().string());
+    sockaddr_in address{};
+    socklen_t length = sizeof address;
+    int type = 0;
+    socklen_t type_length = sizeof type;
+    if (getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &type_length) == 0 && type == SOCK_DGRAM &&
+        getsockname(fd, reinterpret_cast<sockaddr*>(&address), &length) == 0 &&
+        address.sin_family == AF_INET)
+      ports.insert(ntohs(address.sin_port));
+  }
+  return ports;
+}
+
 /// Says whether nobody has the port yet, because Aravis would share it.
 bool is_port_free(const std::string& address) {
   sockaddr_in control{};
   control.sin_family = AF_INET;
-  control.sin_port = htons(3956);
+  control.sin_port = htons(kControlPort);
   const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   const bool free = inet_pton(AF_INET, address.c_str(), &control.sin_addr) == 1 &&
                     bind(fd, reinterpret_cast<const sockaddr*>(&control), sizeof control) == 0;
@@ -97,7 +120,10 @@ FakeGigeCamera::FakeGigeCamera(int rows, int cols, std::vector<std::vector<std::
   if (!is_port_free(options.address)) throw std::runtime_error(refusal);
   const ScratchDirectory directory;
   const std::string description = directory / "camera.xml";
-  std::ofstream(description) << camera_description();
+  std::ofstream(description) << (options.edit_description
+                                     ? options.edit_description(camera_description())
+                                     : camera_description());
+  const std::set<int> ports_before = udp_ports();
   camera_ = arv_gv_fake_camera_new_full(options.address.c_str(), options.serial.c_str(),
                                         description.c_str());
   if (!arv_gv_fake_camera_is_running(camera_)) {
@@ -105,6 +131,10 @@ FakeGigeCamera::FakeGigeCamera(int rows, int cols, std::vector<std::vector<std::
     throw std::runtime_error(refusal);
   }
   ArvFakeCamera* fake = arv_gv_fake_camera_get_fake_camera(camera_);
+  // Aravis' camera does not tell which port it sends from, as others do. It is the new one.
+  for (const int port : udp_ports())
+    if (port != kControlPort && !ports_before.contains(port))
+      arv_fake_camera_write_register(fake, kStreamSourcePort, static_cast<std::uint32_t>(port));
   const std::pair<std::uint32_t, int> registers[] = {
       {ARV_FAKE_CAMERA_REGISTER_SENSOR_WIDTH, cols},
       {ARV_FAKE_CAMERA_REGISTER_SENSOR_HEIGHT, rows},
@@ -115,6 +145,11 @@ FakeGigeCamera::FakeGigeCamera(int rows, int cols, std::vector<std::vector<std::
        static_cast<int>(1e6 / options.frame_rate_hz)}};
   for (const auto& [address, value] : registers)
     arv_fake_camera_write_register(fake, address, static_cast<std::uint32_t>(value));
+  constexpr std::uint32_t kVendor = 0x48;
+  if (!options.vendor.empty())
+    arv_fake_camera_write_memory(fake, kVendor,
+                                 static_cast<std::uint32_t>(options.vendor.size() + 1),
+                                 options.vendor.c_str());
   arv_fake_camera_set_trigger_frequency(fake, 1000);  // So often it looks for a software trigger.
   arv_fake_camera_set_fill_pattern(fake, &FakeGigeCamera::fill, this);
   set_lost_packet_ratio(options.lost_packet_ratio);
@@ -129,6 +164,27 @@ std::size_t FakeGigeCamera::image_of(std::int64_t sequence, std::size_t images) 
 
 void FakeGigeCamera::set_lost_packet_ratio(double ratio) {
   g_object_set(camera_, "gvsp-lost-ratio", ratio, nullptr);
+}
+
+void FakeGigeCamera::deform(int rows, int cols) {
+  ArvFakeCamera* fake = arv_gv_fake_camera_get_fake_camera(camera_);
+  std::pair<std::uint32_t, int> sides[] = {{ARV_FAKE_CAMERA_REGISTER_WIDTH, cols},
+                                           {ARV_FAKE_CAMERA_REGISTER_HEIGHT, rows}};
+  // What shrinks comes first, because a frame must always fit its buffer.
+  if (static_cast<int>(value_of(fake, ARV_FAKE_CAMERA_REGISTER_HEIGHT)) > rows)
+    std::swap(sides[0], sides[1]);
+  for (const auto& [side, value] : sides)
+    arv_fake_camera_write_register(fake, side, static_cast<std::uint32_t>(value));
+}
+
+int FakeGigeCamera::stream_port() const {
+  return static_cast<int>(value_of(arv_gv_fake_camera_get_fake_camera(camera_), kStreamPort) &
+                          0xFFFFU);
+}
+
+int FakeGigeCamera::sending_port() const {
+  return static_cast<int>(value_of(arv_gv_fake_camera_get_fake_camera(camera_), kStreamSourcePort) &
+                          0xFFFFU);
 }
 
 void FakeGigeCamera::fill(ArvBuffer* buffer, void* self, std::uint32_t, std::uint32_t,

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -19,7 +20,10 @@ struct FakeGigeOptions {
   std::string pixel_format = "Mono16";  ///< one that Curlew reads; a client may set another
   double frame_rate_hz = 100;           ///< a client may set another, up to 10 kHz
   double lost_packet_ratio = 0;
-  bool once = false;  ///< sends every image once per start, then nothing more
+  bool once = false;   ///< sends every image once per start, then nothing more
+  std::string vendor;  ///< what it says who made it; empty: Aravis
+  /// Says what becomes of the camera's description of itself.
+  std::function<std::string(std::string)> edit_description;
 };
 
 /// Serves images over and over while the object lives. Its frame numbers wrap from 65535 to 1 soon.
@@ -40,6 +44,11 @@ class FakeGigeCamera {
   static std::size_t image_of(std::int64_t sequence, std::size_t images);
 
   void set_lost_packet_ratio(double ratio);
+  /// Frames have this many rows and columns from now on, though the client was told otherwise.
+  void deform(int rows, int cols);
+  /// Returns the port of the client that it sends frames to, and the port that it sends them from.
+  int stream_port() const;
+  int sending_port() const;
   /// Returns how many frames were sent since the beginning.
   std::int64_t frames_sent() const { return frames_sent_; }
 

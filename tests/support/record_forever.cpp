@@ -24,12 +24,12 @@ int main(int argc, char** argv) try {
   options.memory_mb = 16;
   options.max_file_s = 0.4;  // At 1 kHz by their own stamps a file takes 400 frames.
   options.min_free_mb = 10;
-  Recorder recorder(options, format, Optics{}, Detector{}, [](const std::string&) {});
+  Recorder recorder(options, format, RecordingHeader{}, [](const std::string&) {});
   FrameBuffer frame(format);
   const auto start = std::chrono::steady_clock::now();
   for (std::int64_t n = 0;; ++n) {
     fill_numbered(frame, n);
-    recorder.add(frame, false);
+    recorder.add(frame);
     const auto now = std::chrono::steady_clock::now();
     const std::string line =
         std::to_string(n) + " " +

@@ -1,6 +1,7 @@
 // Bad input as a user meets it gives an exit code and one clear sentence, and leaves no
 // half-written file.
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <filesystem>
 
@@ -166,7 +167,9 @@ TEST_F(BadInput, LinksAreFollowedAndNotReplaced) {
     std::filesystem::create_symlink(scratch_ / (std::string("folder/") + name), scratch_ / name);
   }
   const ProgramRun run =
-      run_curlew(scratch_, "replay ref.fits --sensor sensor.fits --out new.fits --jsonl new.jsonl");
+      run_curlew(scratch_,
+                 "replay ref.fits --sensor sensor.fits --force --out new.fits --jsonl "
+                 "new.jsonl");
   EXPECT_EQ(run.exit_code, 0) << run.err;
   for (const char* name : {"new.fits", "new.jsonl"}) {
     EXPECT_TRUE(std::filesystem::is_symlink(scratch_ / name));
@@ -176,6 +179,64 @@ TEST_F(BadInput, LinksAreFollowedAndNotReplaced) {
       run_curlew(scratch_, "replay ref.fits --sensor sensor.fits --jsonl /dev/stdout");
   EXPECT_EQ(piped.exit_code, 0) << piped.err;
   EXPECT_NE(piped.out.find("{\"frame\":4,"), std::string::npos);
+}
+
+TEST_F(BadInput, WhatExistsIsReplacedOnlyByForce) {
+  const std::string old = read_bytes(scratch_ / "other.fits");
+  for (const char* command :
+       {"simulate --out other.fits", "simulate --out new.fits --field-out other.fits",
+        "calibrate ref.fits --out other.fits",
+        "replay ref.fits --sensor sensor.fits --out other.fits",
+        "replay ref.fits --sensor sensor.fits --jsonl other.fits",
+        "calibrate --camera sim:plane --out new.fits --keep other.fits"})
+    expect_refused(command, 2, {"other.fits exists already", "--force"});
+  EXPECT_EQ(read_bytes(scratch_ / "other.fits"), old);
+  EXPECT_EQ(run_curlew(scratch_, "calibrate ref.fits --out other.fits --force").exit_code, 0);
+  EXPECT_NE(read_bytes(scratch_ / "other.fits"), old);
+}
+
+TEST_F(BadInput, OnlyRegularFilesAreEverReplaced) {
+  namespace fs = std::filesystem;
+  ASSERT_EQ(mkfifo((scratch_ / "pipe").c_str(), 0600), 0);
+  fs::create_symlink("nowhere.fits", scratch_ / "dangling");
+  fs::create_symlink("/dev/null", scratch_ / "device");
+  for (const std::string output : {"pipe", "dangling", "device", "/dev/null", "."}) {
+    const std::string force = " --force --out " + output;
+    expect_refused("simulate --rows 6 --cols 6" + force, 1, {output, "cannot be written"});
+    expect_refused("calibrate ref.fits" + force, 1, {output, "cannot be written"});
+    expect_refused("calibrate --take-dark --camera sim:plane" + force, 1, {output});
+    expect_refused("replay ref.fits --sensor sensor.fits" + force, 1, {output});
+    expect_refused("simulate --rows 6 --cols 6 --out new.fits --force --field-out " + output, 1,
+                   {output});
+  }
+  expect_refused("replay ref.fits --sensor sensor.fits --jsonl dangling", 1, {"dangling"});
+  EXPECT_TRUE(fs::is_fifo(scratch_ / "pipe"));
+  EXPECT_TRUE(fs::is_symlink(scratch_ / "dangling"));
+  EXPECT_TRUE(fs::is_symlink(scratch_ / "device"));
+  EXPECT_TRUE(fs::is_character_file("/dev/null"));
+}
+
+TEST_F(BadInput, WithoutStandardDescriptorsNothingStrayIsWritten) {
+  for (const std::string closed : {"<&-", ">&-", "2>&-", "<&- >&- 2>&-"}) {
+    const std::string line = "cd '" + scratch_.path() + "' && '" + CURLEW_PROGRAM +
+                             "' replay ref.fits --sensor sensor.fits --force --out new.fits "
+                             "--jsonl new.jsonl " +
+                             closed + (closed.find('>') == std::string::npos ? " >/dev/null" : "");
+    ASSERT_EQ(WEXITSTATUS(std::system(line.c_str())), 0) << closed;
+    EXPECT_EQ(read_bytes(scratch_ / "new.jsonl").rfind("{\"frame\":0,", 0), 0U) << closed;
+    EXPECT_EQ(read_bytes(scratch_ / "new.fits").rfind("SIMPLE", 0), 0U) << closed;
+    const std::string lines = read_bytes(scratch_ / "new.jsonl");
+    EXPECT_EQ(std::count(lines.begin(), lines.end(), '\n'), 5) << closed;
+  }
+}
+
+TEST_F(BadInput, StandardOutputTakesOnlyTheLines) {
+  const ProgramRun run = run_curlew(scratch_, "replay ref.fits --sensor sensor.fits --jsonl -");
+  EXPECT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_EQ(std::count(run.out.begin(), run.out.end(), '\n'), 5) << run.out;
+  EXPECT_EQ(run.out.rfind("{\"frame\":0,", 0), 0U);
+  EXPECT_NE(run.err.find("5 frames"), std::string::npos) << "the report goes to standard error";
+  EXPECT_FALSE(std::filesystem::exists(scratch_ / "-"));
 }
 
 TEST_F(BadInput, OutputThatNobodyTakes) {

@@ -210,6 +210,24 @@ TEST_F(Daemon, ACameraThatDiesAndReturnsIsFoundEveryTime) {
   expect_as_replayed(scratch_ / "live.jsonl");
 }
 
+// systemd does not start the service again after exit code 2.
+TEST_F(Daemon, WhatWouldBeSoAgainAtTheNextStartIsAMatterOfConfiguration) {
+  const auto expect_usage = [&](const std::string& config, const std::string& words) {
+    write_bytes(scratch_ / "c.toml", config);
+    const auto curlew = daemon({"--config", scratch_ / "c.toml", "--seconds", "5"});
+    EXPECT_EQ(curlew->wait(seconds(60)), 2) << curlew->err();
+    EXPECT_NE(curlew->err().find(words), std::string::npos) << curlew->err();
+  };
+  const std::string camera = "[camera]\nsource = \"sim:vortex\"\n";
+  expect_usage(camera + "[daemon]\nsensor = \"/none/sensor.fits\"\n",
+               "/none/sensor.fits does not exist");
+  expect_usage(camera + "[daemon]\ncontrol = \"/none/control\"\n",
+               "the folder /none does not exist; make it");
+  expect_usage(camera + "[recorder]\nmode = \"continuous\"\nfolder = \"/none\"\n",
+               "/none does not exist: make it");
+  expect_usage(camera + "[daemon]\njsonl = \"/none/a.jsonl\"\n", "/none/a.jsonl");
+}
+
 TEST_F(Daemon, StopsWhileItOpensOrSearches) {
   make_sensor_and_recording();
   for (const int milliseconds : {0, 50, 150, 300, 700}) {

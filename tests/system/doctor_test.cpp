@@ -334,6 +334,27 @@ TEST_F(MadeUpMachine, JumboFramesOnTheInterfaceOfTheCamerasNetwork) {
   EXPECT_THAT(check("jumbo frames").commands, ElementsAre("sudo ip link set eno1 mtu 9000"));
 }
 
+TEST_F(MadeUpMachine, ACameraOnANetworkWithOthers) {
+  interface("enp3s0", "9000", true);
+  interface("eno1", "9000", true);
+  machine_.config.camera.source = "aravis:192.168.7.2";
+  const std::string office = route("eno1", "0.0.0.0", "0.0.0.0", "192.168.1.1") +
+                             route("eno1", "192.168.1.0", "255.255.255.0");
+  routes(office + route("enp3s0", "192.168.7.0", "255.255.255.0"));
+  const std::string columns = "IP address  HW type  Flags  HW address  Mask  Device\n";
+  const std::string camera = "192.168.7.2  0x1  0x2  00:30:53:00:00:01  *  enp3s0\n";
+  const std::string elsewhere = "192.168.1.1  0x1  0x2  00:30:53:00:00:02  *  eno1\n";
+  const std::string silent = "192.168.7.8  0x1  0x0  00:00:00:00:00:00  *  enp3s0\n";
+  write("/proc/net/arp", columns + camera + elsewhere + silent);
+  expect("camera's network", Verdict::kGood, {"nobody but the camera is seen on enp3s0"});
+  const std::string stranger = "192.168.7.9  0x1  0x2  00:30:53:00:00:03  *  enp3s0\n";
+  write("/proc/net/arp", columns + camera + stranger);
+  expect("camera's network", Verdict::kCouldBeBetter,
+         {"enp3s0", "shared with 192.168.7.9", "no password", "an interface of its own"});
+  machine_.config.camera.source = "aravis:192.168.1.77";
+  expect("camera's network", Verdict::kCouldBeBetter, {"eno1", "shared with the default route"});
+}
+
 TEST_F(MadeUpMachine, JumboFramesOnTheInterfaceThatLeadsToTheCamera) {
   machine_.config.camera.source = "aravis:10.20.30.40";
   interface("bond0", "1500", false);  // no hardware, but it leads to the camera
@@ -404,6 +425,7 @@ TEST_F(MadeUpMachine, LostPackets) {
 TEST_F(MadeUpMachine, LossesOfTheCamerasInterface) {
   interface("enp3s0", "9000", true);
   write("/sys/class/net/enp3s0/statistics/rx_missed_errors", "4\n");
+  routes(route("eno1", "192.168.1.0", "255.255.255.0"));
   machine_.config.camera.source = "aravis:192.168.1.77";
   expect("interface losses", Verdict::kGood, {"eno1: 1000000 packets", "0 missed"});
   write(kNic + std::string("statistics/rx_missed_errors"), "3\n");

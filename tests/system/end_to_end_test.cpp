@@ -178,9 +178,13 @@ TEST_F(EndToEnd, AnInterruptedReplayKeepsItsFrames) {
   run("simulate --preset plane " + sensor_ + "--photons 2000 --frames 400 --out long.fits");
   const ProgramRun replay =
       run_curlew(scratch_, "replay long.fits --sensor sensor.fits --pace 100 --out part.fits",
-                 "timeout --foreground -s INT 1");
-  EXPECT_NE(replay.out.find("interrupted"), std::string::npos) << replay.out << replay.err;
+                 "timeout --preserve-status --foreground -s INT 1");
+  EXPECT_EQ(replay.exit_code, 1);
   const auto frames = column_values(scratch_ / "part.fits", "FRAMES", "FRAME").size();
+  EXPECT_NE(replay.err.find("interrupted: the files hold the first " + std::to_string(frames) +
+                            " of 400 frames"),
+            std::string::npos)
+      << replay.out << replay.err;
   EXPECT_GT(frames, 0U);
   EXPECT_LT(frames, 400U);
   for (const std::string& name : scratch_.names())

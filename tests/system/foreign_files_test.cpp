@@ -50,8 +50,9 @@ class ForeignFiles : public ::testing::Test {
   /// Returns the mean slope along x over all frames, of which there must be kFrames.
   static double mean_slope(const std::string& name, const std::string& more = "",
                            const std::string& sensor = "sensor.fits") {
-    said_ =
-        run("replay " + name + " --sensor " + sensor + " --out r.fits --save slopes " + more).out;
+    said_ = run("replay " + name + " --sensor " + sensor + " --force --out r.fits --save slopes " +
+                more)
+                .out;
     FitsFile file = FitsFile::open(*folder_ / "r.fits");
     file.select("SLOPES");
     const ImageInfo info = file.image();

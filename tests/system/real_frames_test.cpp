@@ -38,7 +38,7 @@ class RealFrames : public ::testing::TestWithParam<RealFrame> {
   void calibrate(const std::string& more) {
     const ProgramRun run =
         run_curlew(scratch_, "calibrate '" + path_of(GetParam().name) + "' " + GetParam().optics +
-                                 more + " --out sensor.fits");
+                                 more + " --force --out sensor.fits");
     ASSERT_EQ(run.exit_code, 0) << run.err;
     EXPECT_NE(run.out.find("px rms from the grid"), std::string::npos) << run.out;
   }
@@ -48,7 +48,7 @@ class RealFrames : public ::testing::TestWithParam<RealFrame> {
                                 const std::string& method = "circulation") {
     const ProgramRun run =
         run_curlew(scratch_, "replay '" + recording + "' --sensor sensor.fits --method " + method +
-                                 " --out results.fits --save slopes");
+                                 " --force --out results.fits --save slopes");
     EXPECT_EQ(run.exit_code, 0) << run.err;
     said_ = run.out;
     FitsFile file = FitsFile::open(scratch_ / "results.fits");

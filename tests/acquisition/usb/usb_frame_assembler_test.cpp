@@ -234,7 +234,8 @@ TEST(UsbFrameAssembler, ADamagedNumberIsNotTakenForALoss) {
       collector.feed(frame, true);
     }
     EXPECT_EQ(collector.frames.size(), 9U);
-    EXPECT_EQ(collector.counts().lost, 1);
+    EXPECT_EQ(collector.counts().lost, 0);
+    EXPECT_EQ(collector.counts().other, 1) << "the frame came, and is in doubt";
     EXPECT_EQ(collector.frames[5].sequence, 6);
     EXPECT_EQ(collector.frames[5].status, kFrameGapBefore);
     expect_identity(collector);
@@ -273,6 +274,33 @@ TEST(UsbFrameAssembler, NumbersThatBeginAnewAreFollowed) {
   EXPECT_EQ(collector.counts().other, 1);
   EXPECT_EQ(collector.counts().lost, 1);
   expect_identity(collector);
+}
+
+// Whatever a camera counts by, each frame that came is in one column of the books.
+TEST(UsbFrameAssembler, NumbersThatMakeNoSenseLeaveNoFrameOut) {
+  constexpr std::uint32_t kFrames = 1000;
+  struct Counting {
+    const char* name;
+    std::uint32_t (*number)(std::uint32_t n);
+    std::int64_t delivered;
+  };
+  const Counting countings[] = {{"constant", [](std::uint32_t) { return 7U; }, 1},
+                                {"doubled", [](std::uint32_t n) { return n / 2; }, kFrames / 2},
+                                {"leaping", [](std::uint32_t n) { return n * 1'000'003U; }, 1},
+                                {"backwards", [](std::uint32_t n) { return 5000U - n; }, 1}};
+  for (const Counting& counting : countings) {
+    SCOPED_TRACE(counting.name);
+    Collector collector(stream_layout());
+    for (std::uint32_t n = 0; n < kFrames; ++n)
+      collector.feed(stream_frame(stream_layout(), counting.number(n)), true);
+    const FrameCounts counts = collector.counts();
+    EXPECT_EQ(counts.delivered, counting.delivered);
+    EXPECT_EQ(counts.delivered + counts.other, kFrames);
+    EXPECT_EQ(counts.dropped(), counts.other) << "none was lost";
+    collector.feed(stream_frame(stream_layout(), counting.number(kFrames - 1) + 1), true);
+    collector.feed(stream_frame(stream_layout(), counting.number(kFrames - 1) + 2), true);
+    expect_identity(collector);
+  }
 }
 
 TEST(UsbFrameAssembler, JoinsAStreamInTheMiddle) {

@@ -1,5 +1,6 @@
 // The daemon runs in this process, on cameras that need no hardware, and meets unusual situations.
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
@@ -108,6 +109,91 @@ TEST_F(EdgeOfDaemon, StatusIsAnsweredWhateverBytesTheCameraIsCalledBy) {
   daemon.run();
   asks.join();
   EXPECT_NE(answer.find("streaming"), std::string::npos) << answer;
+}
+
+TEST_F(EdgeOfDaemon, AReloadBeforeTheFirstConnectionRefusesASensorForOtherFrames) {
+  SimulatorOptions larger = few_frames();
+  larger.window_px = kWindow + 2;
+  Simulator other(larger);
+  const std::string other_sensor = folder_ / "other.fits";
+  write_sensor(other_sensor, sensor_of(other, kWindow + 2, 0.0));
+  const Simulator simulator(few_frames());
+  Config changing = config();
+  DaemonStatus status;
+  DaemonPipeline pipeline([&] { return changing; }, status);
+  changing.daemon.sensor = other_sensor;
+  pipeline.reload();
+  EXPECT_EQ(pipeline.config().daemon.sensor, sensor_) << "the old plan must stay";
+  EXPECT_NO_THROW(pipeline.prepare(simulator.format(), 0));
+  // One for the same frames is taken.
+  std::filesystem::copy_file(sensor_, folder_ / "copy.fits");
+  changing.daemon.sensor = folder_ / "copy.fits";
+  pipeline.reload();
+  EXPECT_EQ(pipeline.config().daemon.sensor, changing.daemon.sensor);
+}
+
+TEST_F(EdgeOfDaemon, ATriggerThatWouldWaitForEverIsRefused) {
+  Config config = this->config();
+  config.recorder.mode = RecordMode::kTrigger;
+  config.recorder.folder = folder_.path();
+  config.recorder.trigger_on_vortex = config.recorder.trigger_tracked_only = true;
+  DaemonStatus status;
+  const auto text = [&] {
+    return failure_text<UsageError>([&] { DaemonPipeline([&] { return config; }, status); });
+  };
+  EXPECT_NE(text().find("trigger_tracked_only needs tracks"), std::string::npos);
+  config.recorder.trigger_tracked_only = false;
+  config.recorder.trigger_min_probability = 0.9;
+  EXPECT_NE(text().find("trigger_min_probability needs probabilities"), std::string::npos);
+  config.track.enabled = true;
+  EXPECT_NO_THROW(DaemonPipeline([&] { return config; }, status));
+}
+
+TEST(ControlSocketEdge, AFolderThatDoesNotExistIsNamedWithTheRemedy) {
+  const ScratchDirectory folder;
+  try {
+    const ControlSocket control(folder / "none/control");
+    FAIL() << "it must be refused";
+  } catch (const UsageError& error) {
+    const std::string text = error.what();
+    EXPECT_NE(text.find((folder / "none") + " does not exist; make it"), std::string::npos) << text;
+  }
+}
+
+// The system would say at once, again and again, that somebody waits to be let in.
+TEST(ControlSocketEdge, WithoutAFreeDescriptorItWaitsAndAnswersLater) {
+  const ScratchDirectory folder;
+  const ControlSocket control(folder / "control");
+  std::string answer;
+  std::thread asks([&] {
+    try {
+      answer = ask_daemon(folder / "control", "status");
+    } catch (const Failure& failure) {
+      answer = failure.what();
+    }
+  });
+  std::this_thread::sleep_for(200ms);  // It is in the queue.
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &before), 0);
+  const int next = dup(STDERR_FILENO);
+  close(next);
+  const rlimit none{static_cast<rlim_t>(next), before.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &none), 0);
+  int served = 0;
+  const auto count = [&](const std::string&) {
+    ++served;
+    return std::string("well");
+  };
+  const auto begin = std::chrono::steady_clock::now();
+  for (int i = 0; i < 4; ++i) control.serve(100, count);
+  const auto waited = std::chrono::steady_clock::now() - begin;
+  setrlimit(RLIMIT_NOFILE, &before);
+  EXPECT_EQ(served, 0);
+  EXPECT_GE(waited, 400ms);
+  control.serve(1000, count);
+  asks.join();
+  EXPECT_EQ(served, 1);
+  EXPECT_EQ(answer, "well");
 }
 
 TEST(ControlSocketEdge, AFileThatIsNoSocketStays) {

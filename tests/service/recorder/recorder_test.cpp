@@ -23,6 +23,7 @@
 #include <thread>
 #include <vector>
 
+#include "acquisition/fits/fits_file.h"
 #include "acquisition/recording/fits_source.h"
 #include "core/error.h"
 #include "tests/support/allocation_counter.h"
@@ -72,11 +73,13 @@ class Sentences {
 /// Hands in numbered frames. add_all() gives the writer time, so that no frame gets lost.
 class Source {
  public:
-  Source(Recorder& recorder, const FrameFormat& format) : recorder_(recorder), frame_(format) {}
+  Source(Recorder& recorder, const FrameFormat& format) : recorder_(recorder), frame_(format) {
+    vortices_.push({});
+  }
 
   void add(std::int64_t sequence, bool has_vortex = false) {
     fill_numbered(frame_, sequence);
-    recorder_.add(frame_, has_vortex);
+    recorder_.add(frame_, has_vortex ? &vortices_ : nullptr);
     ++added_;
   }
   /// Hands in frames from..to (to not included), and waits for the writer now and then.
@@ -91,6 +94,7 @@ class Source {
  private:
   Recorder& recorder_;
   FrameBuffer frame_;
+  VortexList vortices_{1};
   std::int64_t added_ = 0;
 };
 
@@ -171,7 +175,7 @@ TEST(Recorder, RecordsEveryFrameAndNamesTheFileByItsFirst) {
     const FrameFormat format = format_of(50, 100, type);
     Sentences said;
     {
-      Recorder recorder(options_for(scratch, RecordMode::kContinuous), format, Optics{}, Detector{},
+      Recorder recorder(options_for(scratch, RecordMode::kContinuous), format, RecordingHeader{},
                         said.log());
       Source source(recorder, format);
       source.add_all(7, 1000);
@@ -193,7 +197,7 @@ TEST(Recorder, NeverOverwritesAFile) {
   const ScratchDirectory scratch;
   for (int run = 0; run < 3; ++run) {
     Sentences said;
-    Recorder recorder(options_for(scratch, RecordMode::kContinuous), kSmall, Optics{}, Detector{},
+    Recorder recorder(options_for(scratch, RecordMode::kContinuous), kSmall, RecordingHeader{},
                       said.log());
     Source(recorder, kSmall).add_all(0, 10 + run);
   }
@@ -215,7 +219,7 @@ TEST(Recorder, LosesNothingBetweenFiles) {
     }
     Sentences said;
     {
-      Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+      Recorder recorder(options, kSmall, RecordingHeader{}, said.log());
       Source(recorder, kSmall).add_all(0, 1050);
     }
     const auto files = recorded(scratch.path());
@@ -237,11 +241,11 @@ TEST(Recorder, CountsEveryFrameThatItHadNoMemoryFor) {
   std::int64_t recorded_count = 0;
   std::int64_t dropped = 0;
   {
-    Recorder recorder(options, format, Optics{}, Detector{}, said.log());
+    Recorder recorder(options, format, RecordingHeader{}, said.log());
     FrameBuffer frame(format);
     for (std::int64_t n = 0; n < 400; ++n) {  // as fast as memory allows
       frame.header.sequence = n;
-      recorder.add(frame, false);
+      recorder.add(frame);
     }
     ASSERT_TRUE(eventually([&] { return settled(recorder, 400); }));
     recorded_count = recorder.counts().recorded;
@@ -267,7 +271,7 @@ std::map<std::string, std::vector<std::int64_t>> triggered(
   options.trigger_on_vortex = on_vortex;
   Sentences said;
   {
-    Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+    Recorder recorder(options, kSmall, RecordingHeader{}, said.log());
     Source source(recorder, kSmall);
     act(recorder, source);
     EXPECT_EQ(recorder.counts().dropped, 0);
@@ -333,7 +337,7 @@ TEST(Recorder, SaysOnceThatMemoryIsLessThanBeforeAsksFor) {
   options.after_s = 0.0;
   Sentences said;
   {
-    Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+    Recorder recorder(options, kSmall, RecordingHeader{}, said.log());
     Source source(recorder, kSmall);
     // The frames come slowly, so that the recorder can give back what it does not keep.
     for (std::int64_t n = 0; n <= 1000; ++n) {
@@ -360,7 +364,7 @@ TEST(Recorder, CompressesCompleteFilesWithoutLoss) {
   options.max_file_s = 0.1;
   Sentences said;
   {
-    Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+    Recorder recorder(options, kSmall, RecordingHeader{}, said.log());
     Source(recorder, kSmall).add_all(0, 350);
     ASSERT_TRUE(eventually([&] { return said.with("is compressed").size() == 3; }));
   }
@@ -390,15 +394,139 @@ TEST(Recorder, AddAllocatesNothing) {
   RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
   options.memory_mb = 1;
   Sentences said;
-  Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+  Recorder recorder(options, kSmall, RecordingHeader{}, said.log());
   FrameBuffer frame(kSmall);
-  for (int n = 0; n < 50; ++n) recorder.add(frame, false);
+  for (int n = 0; n < 50; ++n) recorder.add(frame);
+  VortexList vortices(1);
+  vortices.push({});
   const long allocations = allocations_of_this_thread([&] {
-    for (int n = 0; n < 2000; ++n) recorder.add(frame, n % 2 == 0);
+    for (int n = 0; n < 2000; ++n) recorder.add(frame, n % 2 == 0 ? &vortices : nullptr);
     recorder.trigger();
   });
   EXPECT_EQ(allocations, 0);
   EXPECT_GT(recorder.counts().dropped, 0) << "add() must have met both room and no room";
+}
+
+TEST(Recorder, AFileThatIsRemovedIsNoticedAndItsFramesCountAsLost) {
+  const ScratchDirectory scratch;
+  Sentences said;
+  Recorder recorder(options_for(scratch, RecordMode::kContinuous), kSmall, RecordingHeader{},
+                    said.log());
+  Source source(recorder, kSmall);
+  source.add_all(0, 100);
+  ASSERT_TRUE(eventually([&] { return settled(recorder, 100); }));
+  ASSERT_EQ(scratch.names().size(), 1U);
+  fs::remove(scratch / scratch.names().front());
+  ASSERT_TRUE(eventually([&] { return recorder.counts().dropped == 100; }));
+  EXPECT_EQ(said.with("was removed while it was recorded: its 100 frames are lost").size(), 1U);
+  source.add_all(100, 150);
+  EXPECT_EQ(recorder.finish().recorded, 50);
+  EXPECT_EQ(recorder.counts().dropped, 100);
+  const auto files = recorded(scratch.path());
+  ASSERT_EQ(files.size(), 1U);
+  EXPECT_EQ(files.begin()->second, numbers(100, 150));
+}
+
+TEST(Recorder, AFolderThatIsReplacedGetsANewFileAndTheOldOneKeepsItsFrames) {
+  const ScratchDirectory scratch;
+  RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
+  options.folder = scratch / "day";
+  fs::create_directory(options.folder);
+  Sentences said;
+  Recorder recorder(options, kSmall, RecordingHeader{}, said.log());
+  Source source(recorder, kSmall);
+  source.add_all(0, 100);
+  ASSERT_TRUE(eventually([&] { return settled(recorder, 100); }));
+  fs::rename(options.folder, scratch / "yesterday");
+  ASSERT_TRUE(eventually([&] { return !said.with("was moved while it was recorded").empty(); }));
+  source.add_all(100, 110);  // There is no folder for these.
+  ASSERT_TRUE(eventually([&] { return recorder.counts().stopped; }));
+  EXPECT_EQ(said.with("is gone; it goes on by itself").size(), 1U);
+  fs::create_directory(options.folder);
+  std::int64_t next = 110;
+  ASSERT_TRUE(eventually([&] {
+    source.add(next++);
+    return !recorder.counts().stopped;
+  }));
+  const RecorderCounts counts = recorder.finish();
+  EXPECT_EQ(counts.recorded + counts.dropped, next);
+  EXPECT_EQ(joined(recorded(scratch / "yesterday")), numbers(0, 100));
+  const std::vector<std::int64_t> after = joined(recorded(options.folder));
+  EXPECT_EQ(counts.recorded, 100 + static_cast<std::int64_t>(after.size()));
+  EXPECT_GT(after.size(), 0U);
+}
+
+TEST(Recorder, ANewHeaderBeginsANewFile) {
+  const ScratchDirectory scratch;
+  Sentences said;
+  RecordingHeader header;
+  header.optics.wavelength_m = 500e-9;
+  header.provenance.sensor_hash = "first";
+  header.provenance.history = {"method = \"circulation\""};
+  {
+    Recorder recorder(options_for(scratch, RecordMode::kContinuous), kSmall, header, said.log());
+    Source source(recorder, kSmall);
+    source.add_all(0, 20);
+    ASSERT_TRUE(eventually([&] { return settled(recorder, 20); }));
+    recorder.describe(header);  // It is the same.
+    source.add_all(20, 40);
+    ASSERT_TRUE(eventually([&] { return settled(recorder, 40); }));
+    header.optics.wavelength_m = 700e-9;
+    header.provenance.sensor_hash = "second";
+    recorder.describe(header);
+    source.add_all(40, 60);
+  }
+  const auto files = recorded(scratch.path());
+  ASSERT_EQ(files.size(), 2U);
+  EXPECT_EQ(files.begin()->second, numbers(0, 40));
+  EXPECT_EQ(files.rbegin()->second, numbers(40, 60));
+  const std::string expected[] = {"first", "second"};
+  int i = 0;
+  for (const auto& [name, frames] : files) {
+    FitsFile file = FitsFile::open(scratch / name);
+    EXPECT_EQ(file.key_string("SENSHASH"), expected[i]);
+    EXPECT_EQ(file.key_double("WAVELEN"), i == 0 ? 500e-9 : 700e-9);
+    // The first frame came 1 800 000 000 s after 1970.
+    EXPECT_EQ(file.key_string("DATE-OBS"),
+              i == 0 ? "2027-01-15T08:00:00.000" : "2027-01-15T08:00:00.040");
+    EXPECT_EQ(file.history(), header.provenance.history);
+    ++i;
+  }
+}
+
+TEST(Recorder, OnlyAVortexAsProbableAndAsTrackedAsAskedForIsATrigger) {
+  const ScratchDirectory scratch;
+  RecorderOptions options = options_for(scratch, RecordMode::kTrigger);
+  options.before_s = options.after_s = 0.0;
+  options.trigger_on_vortex = options.trigger_tracked_only = true;
+  options.trigger_min_probability = 0.9;
+  Sentences said;
+  FrameBuffer frame(kSmall);
+  {
+    Recorder recorder(options, kSmall, RecordingHeader{}, said.log());
+    const auto add = [&](std::int64_t sequence, float probability, std::int64_t track) {
+      VortexList vortices(1);
+      Vortex vortex;
+      vortex.x = 4.25F;
+      vortex.y = 6.5F;
+      vortex.charge = -1;
+      vortex.probability = probability;
+      vortex.track = track;
+      vortices.push(vortex);
+      fill_numbered(frame, sequence);
+      recorder.add(frame, &vortices);
+    };
+    add(0, 0.89F, 3);
+    add(1, 0.95F, -1);
+    add(2, kUnknownProbability, 3);
+    add(3, 0.95F, 17);
+    add(4, 0.5F, 17);
+  }
+  EXPECT_EQ(joined(recorded(scratch.path())), numbers(3, 4));
+  EXPECT_EQ(said.with("the trigger is a vortex of charge -1 at (4.25, 6.50), probability 0.950, "
+                      "track 17")
+                .size(),
+            1U);
 }
 
 TEST(Recorder, RefusesAFolderItCannotWriteTo) {
@@ -406,7 +534,7 @@ TEST(Recorder, RefusesAFolderItCannotWriteTo) {
   RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
   options.folder = scratch / "missing";
   const auto refusal = [&](const FrameFormat& format) {
-    return failure_text([&] { Recorder(options, format, Optics{}, Detector{}, [](auto&) {}); });
+    return failure_text([&] { Recorder(options, format, RecordingHeader{}, [](auto&) {}); });
   };
   EXPECT_NE(refusal(kSmall).find("missing"), std::string::npos);
   options.folder = scratch.path();
@@ -439,7 +567,7 @@ class FileSizeLimit {
 TEST(Recorder, StopsAtAWriteErrorWithOneSentence) {
   const ScratchDirectory scratch;
   Sentences said;
-  Recorder recorder(options_for(scratch, RecordMode::kContinuous), kSmall, Optics{}, Detector{},
+  Recorder recorder(options_for(scratch, RecordMode::kContinuous), kSmall, RecordingHeader{},
                     said.log());
   Source source(recorder, kSmall);
   source.add_all(0, 100);
@@ -499,7 +627,7 @@ TEST(Recorder, StopsBeforeTheDiskIsFullAndGoesOnWhenThereIsRoom) {
     options.memory_mb = 1;
     const std::string ballast = disk + "/ballast";
     write_bytes(ballast, std::string(5'000'000, 'x'));
-    Recorder recorder(options, kSmall, Optics{}, Detector{}, said.log());
+    Recorder recorder(options, kSmall, RecordingHeader{}, said.log());
     Source source(recorder, kSmall);
     ASSERT_TRUE(eventually([&] {
       for (int i = 0; i < 20; ++i) source.add(source.added());

@@ -1,0 +1,62 @@
+#include "service/results/json_line.h"
+
+#include <charconv>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace curlew {
+namespace {
+
+/// Returns the shortest decimals that read back as the same float, or null for a number that is not
+/// finite, because JSON has none.
+nlohmann::json number(float value) {
+  if (!std::isfinite(value)) return nullptr;
+  char text[32];
+  const auto end = std::to_chars(text, text + sizeof text, value);
+  double shortest = 0.0;
+  std::from_chars(text, end.ptr, shortest);
+  return shortest;
+}
+
+nlohmann::json microseconds(std::int64_t ns) { return static_cast<double>(ns) / 1000.0; }
+
+}  // namespace
+
+void append_json_line(const FrameResult& result, std::string& text) {
+  const FrameHeader& header = result.header;
+  nlohmann::ordered_json line;
+  line["frame"] = result.frame_index;
+  line["sequence"] = header.sequence;
+  line["camera_ns"] = header.camera_ns;
+  line["received_ns"] = header.received_ns;
+  line["dropped"] = result.dropped;
+  line["status"] = header.status;
+  line["n_valid"] = result.n_valid;
+  auto& vortices = line["vortices"] = nlohmann::ordered_json::array();
+  for (const Vortex& v : result.vortices) {
+    const auto pixel =
+        result.grid.pixel_from_lenslet(static_cast<double>(v.x), static_cast<double>(v.y));
+    vortices.push_back(
+        {{"x", number(v.x)},
+         {"y", number(v.y)},
+         {"charge", v.charge},
+         {"circulation", number(v.circulation)},
+         {"significance", number(v.significance)},
+         {"x_px", pixel[0]},
+         {"y_px", pixel[1]},
+         {"flags", v.flags},
+         {"track", v.track},
+         {"probability", v.probability < 0.0F ? nlohmann::json(nullptr) : number(v.probability)},
+         {"vx", number(v.velocity_x)},
+         {"vy", number(v.velocity_y)}});
+  }
+  auto& latency = line["latency_us"] = nlohmann::ordered_json::object();
+  for (std::size_t stage = 0; stage < kStageCount; ++stage)
+    latency[kStages[stage].name] = microseconds(result.latency.stage_ns[stage]);
+  latency["publish"] = microseconds(result.latency.publish_ns);
+  latency["total"] = microseconds(result.latency.total_ns);
+  text += line.dump();
+  text += '\n';
+}
+
+}  // namespace curlew
