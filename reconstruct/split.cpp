@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "core/size_check.h"
 
@@ -18,6 +19,8 @@ SplitWorkspace::SplitWorkspace(const SplitPlan& plan)
       direction_(phi_.size()),
       group_sum_(plan.lenslets().size()),
       group_count_(plan.lenslets().size()),
+      group_order_(plan.lenslets().size()),
+      group_rank_(plan.lenslets().size()),
       psi_(static_cast<std::size_t>(plan.lattice().n_faces())) {}
 
 /// A Splitter holds the steps of split_slopes() and what they share.
@@ -239,10 +242,35 @@ class Splitter {
     }
     for (std::size_t g = 0; g < n_groups; ++g)
       ws_.group_sum_[g] /= static_cast<float>(ws_.group_count_[g]);
+    rank_groups(n_groups);
     for (const Lenslet& lenslet : plan_.lenslets()) {
       const auto k = index(lenslet.k);
-      if (slopes_.valid[k] != 0)
-        split_.phase[k] -= ws_.group_sum_[index(lattice.phase_group_of(lenslet.k))];
+      if (slopes_.valid[k] == 0) {
+        split_.island[k] = HodgeSplit::kNoIsland;
+        continue;
+      }
+      const auto group = index(lattice.phase_group_of(lenslet.k));
+      split_.phase[k] -= ws_.group_sum_[group];
+      split_.island[k] = ws_.group_rank_[group];
+    }
+  }
+
+  /// Numbers the phase groups by their sizes, the largest first, and counts them.
+  void rank_groups(std::size_t n_groups) noexcept {
+    const auto begin = ws_.group_order_.begin();
+    const auto end = begin + static_cast<std::ptrdiff_t>(n_groups);
+    std::iota(begin, end, 0);
+    std::sort(begin, end, [&](std::int32_t a, std::int32_t b) {
+      const std::int32_t size_a = ws_.group_count_[index(a)];
+      const std::int32_t size_b = ws_.group_count_[index(b)];
+      return size_a != size_b ? size_a > size_b : a < b;
+    });
+    split_.n_islands = static_cast<int>(n_groups);
+    split_.n_large_islands = 0;
+    for (std::size_t rank = 0; rank < n_groups; ++rank) {
+      const auto group = index(ws_.group_order_[rank]);
+      ws_.group_rank_[group] = static_cast<std::int32_t>(rank);
+      if (ws_.group_count_[group] >= HodgeSplit::kLargeIsland) ++split_.n_large_islands;
     }
   }
 

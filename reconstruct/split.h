@@ -86,14 +86,16 @@ class SplitWorkspace {
   AlignedVector<float> direction_;
   AlignedVector<float> group_sum_;  // [phase groups ≤ lenslets]
   AlignedVector<std::int32_t> group_count_;
-  AlignedVector<float> psi_;  // [faces]
+  AlignedVector<std::int32_t> group_order_;  // [phase groups] the largest first
+  AlignedVector<std::int32_t> group_rank_;   // [phase groups]
+  AlignedVector<float> psi_;                 // [faces]
 };
 
 /// Splits one frame. Lenslets of the plan that are not valid in `slopes` are left out of the fit:
 /// the answer is the least-squares one on the lattice that remains, and phase and slopes are 0 at
-/// these lenslets. A lenslet that is valid in `slopes` must be valid in the plan. Relative to the
-/// largest value, slopes are accurate to 1e-6 and the phase to 2e-5 (in float; see
-/// tests/reconstruct).
+/// these lenslets. The parts that they leave are numbered. A lenslet that is valid in `slopes` must
+/// be valid in the plan. Relative to the largest value, slopes are accurate to 1e-6 and the phase
+/// to 2e-5 (in float; see tests/reconstruct).
 void split_slopes(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
                   HodgeSplit& split) noexcept;
 
