@@ -23,6 +23,10 @@ Sensor sensor_for(const Config& config) {
       "'curlew calibrate' makes one");
 }
 
+void log_method(const MethodChoice& choice) {
+  if (const std::string line = method_line(choice); !line.empty()) spdlog::info("{}", line);
+}
+
 void log_recorder(const std::string& sentence) {
   const bool bad = sentence.rfind("recording stopped", 0) == 0;
   spdlog::log(bad ? spdlog::level::warn : spdlog::level::info, "{}", sentence);
@@ -72,6 +76,7 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
   }
   lock.lock();
   std::int64_t made_from = -1;
+  MethodChoice choice;
   std::unique_ptr<Pipeline> pipeline;
   std::unique_ptr<Recorder> recorder;
   while (made_from != configurations_) {  // A reload meanwhile makes another round necessary.
@@ -79,9 +84,10 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
     const Config config = config_;
     const Sensor sensor = sensor_;
     lock.unlock();
-    pipeline =
-        std::make_unique<Pipeline>(std::make_shared<const Plan>(sensor, format, config),
-                                   config.pipeline, placement_.thread_start(), connections_before);
+    const auto plan = std::make_shared<const Plan>(sensor, format, config);
+    choice = plan->detect.choice();
+    pipeline = std::make_unique<Pipeline>(plan, config.pipeline, placement_.thread_start(),
+                                          connections_before);
     recorder.reset();
     if (config.recorder.mode != RecordMode::kOff)
       recorder = std::make_unique<Recorder>(config.recorder, format, sensor.optics, sensor.detector,
@@ -92,6 +98,7 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
   recorder_ = std::move(recorder);
   format_ = format;
   if (recorder_) status_.recorder_began(*recorder_);
+  log_method(choice);
 }
 
 // The pipeline runs in a thread of its own, so that its CPU and priority do not pass on to threads
@@ -136,6 +143,7 @@ void DaemonPipeline::reload() {
       lock.lock();
     } while (format != format_);
     if (!format) plan.reset();
+    if (plan) log_method(plan->detect.choice());
     ++configurations_;
     config_ = std::move(config);
     sensor_ = std::move(sensor);
