@@ -49,8 +49,9 @@ void Canvas::fill_pixel(int x, int y, Rgb colour) {
 
 /// Places are those of the frame, and the middle of its first pixel is at half a square.
 void Canvas::dot(double x, double y, Rgb colour) {
-  const double j = std::floor((x + 0.5) * scale_);
-  const double i = std::floor((y + 0.5) * scale_);
+  constexpr double kRounding = 1e-6;  // of places at the very edge of a pixel
+  const double j = std::floor((x + 0.5) * scale_ + kRounding);
+  const double i = std::floor((y + 0.5) * scale_ + kRounding);
   if (i < 0.0 || j < 0.0 || i >= picture_.rows() || j >= picture_.cols()) return;
   picture_(static_cast<int>(i), static_cast<int>(j)) = colour;
 }

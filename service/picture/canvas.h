@@ -21,9 +21,9 @@ inline constexpr Rgb kSlate{90, 100, 120};
 /// is not drawn.
 class Canvas {
  public:
-  /// frame: [rows, cols], not empty. Grey goes with the square root of the light between the 5th
-  /// and the 99.8th percentile. A pixel becomes a square of so many pixels that `pitch_px` has 24
-  /// at least, as far as no side becomes longer than 8192.
+  /// frame: [rows, cols], not empty; pixels that are not finite are black. Grey goes with the
+  /// square root of the light between the 5th and the 99.8th percentile. A pixel becomes a square
+  /// of so many pixels that `pitch_px` has 24 at least, as far as no side becomes longer than 8192.
   Canvas(const Image<float>& frame, double pitch_px);
 
   void draw_line(double x0, double y0, double x1, double y1, Rgb colour);

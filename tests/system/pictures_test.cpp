@@ -157,6 +157,10 @@ TEST_F(PicturesOfUsers, OptionsWithoutEffectAreRefused) {
 TEST_F(PicturesOfUsers, TheFirstLineSaysWhichMethodWasTakenAndWhy) {
   const ProgramRun replayed = run("replay frames.fits --sensor sensor.fits");
   EXPECT_EQ(replayed.out.rfind("method whitened, chosen by auto: ", 0), 0U) << replayed.out;
+  const ProgramRun calibrated = run("calibrate ref.fits --out again.fits");
+  EXPECT_NE(calibrated.out.find("methods that suit these spots: circulation, whitened"),
+            std::string::npos)
+      << calibrated.out;
 }
 
 }  // namespace
