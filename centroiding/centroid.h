@@ -57,10 +57,10 @@ struct CentroidOptions {
 /// The plan holds all that the centroid kernel needs, in the frame's own counts. It is made once
 /// per sensor, frame format and options; it is const and shared afterwards.
 struct CentroidPlan {
-  /// Throws Failure when the format's size, offset or binning is not the sensor's, when the frame
-  /// has fewer than 4 columns, when a map or a window of the sensor does not fit the frame, or when
-  /// the sensor was calibrated for another method. Throws UsageError when an option is out of its
-  /// range or a window is too large for the method.
+  /// Throws Failure when the format's size, offset, binning or pixel format is not the sensor's,
+  /// when the frame has fewer than 4 columns, when a map or a window of the sensor does not fit the
+  /// frame, or when the sensor was calibrated for another method. Throws UsageError when an option
+  /// is out of its range or a window is too large for the method.
   CentroidPlan(const Sensor& sensor, const FrameFormat& format,
                const CentroidOptions& options = {});
 

@@ -36,6 +36,11 @@ void check_fit(const Sensor& sensor, const FrameFormat& format) {
   if (format.binning != sensor.binning) {
     refuse("binning", std::to_string(format.binning), std::to_string(sensor.binning));
   }
+  const int bits = converter_bits(format);
+  if (sensor.pixel_bits != 0 && bits != 0 && bits != sensor.pixel_bits) {
+    refuse("pixel format", std::to_string(bits) + " bits",
+           std::to_string(sensor.pixel_bits) + " bits");
+  }
   if (format.cols < kMinFrameCols) {
     throw Failure("frames of " + times(format.rows, format.cols) +
                   " pixels are too narrow; at least " + std::to_string(kMinFrameCols) +

@@ -32,6 +32,7 @@ struct Sensor {
   int offset_x_px = 0;
   int offset_y_px = 0;
   int binning = 1;
+  int pixel_bits = 0;  ///< converter_bits() of the reference; 0: frames may have any
 
   LensletGrid grid;
   double residual_px = 0.0;  ///< rms distance of the reference spots from the grid

@@ -41,6 +41,13 @@ struct FrameFormat {
   bool operator==(const FrameFormat&) const = default;
 };
 
+/// Returns how many bits a pixel takes, 8 or 16, where pixels are whole ADU as a converter gives
+/// them; 0 where they were mapped from something else.
+inline int converter_bits(const FrameFormat& format) {
+  if (format.scale_adu != 1.0) return 0;
+  return format.pixel_type == PixelType::kU8 ? 8 : 16;
+}
+
 struct FrameHeader {
   std::int64_t sequence = 0;     ///< frame number by the device's count; a gap means lost frames
   bool renumbered = false;       ///< numbering starts anew here, so no loss before it is known

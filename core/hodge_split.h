@@ -1,6 +1,8 @@
 // A HodgeSplit is a slope field taken apart into its curl-free and its solenoidal part.
 #pragma once
 
+#include <cstdint>
+
 #include "core/fixed_list.h"
 #include "core/image.h"
 
@@ -20,6 +22,9 @@ struct HoleCirculation {
 /// Slopes, in rad per pitch, and phase are [rows, cols] of lenslets and 0 where the frame's slope
 /// is not valid. The potential is [rows-1, cols-1], one value per cell.
 struct HodgeSplit {
+  static constexpr std::int32_t kNoIsland = -1;
+  static constexpr std::int32_t kLargeIsland = 4;
+
   HodgeSplit(int rows, int cols)
       : phase(rows, cols),
         curl_free_x(rows, cols),
@@ -27,7 +32,8 @@ struct HodgeSplit {
         solenoidal_x(rows, cols),
         solenoidal_y(rows, cols),
         potential(rows - 1, cols - 1),
-        holes(static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols)) {}
+        holes(static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols)),
+        island(rows, cols, kNoIsland) {}
 
   Image<float> phase;  ///< rad at lenslet centres, mean zero over each connected part
   Image<float> curl_free_x;
@@ -38,8 +44,13 @@ struct HodgeSplit {
   /// differences. ψ is 0 outside the pupil, and a positive vortex is a minimum of it.
   Image<float> potential;
   FixedList<HoleCirculation> holes;
-  int iterations = 0;     ///< steps of conjugate gradients; 0 if solved directly
-  bool converged = true;  ///< false if the iteration limit came before the tolerance
+  /// The connected part of each lenslet, whose phase has a constant of its own: 0 is the largest
+  /// part, and so on by size. kNoIsland where the slope is not valid.
+  Image<std::int32_t> island;
+  int n_islands = 0;
+  int n_large_islands = 0;  ///< those of kLargeIsland lenslets or more
+  int iterations = 0;       ///< steps of conjugate gradients; 0 if solved directly
+  bool converged = true;    ///< false if the iteration limit came before the tolerance
 };
 
 }  // namespace curlew

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "core/as_size.h"
 #include "core/size_check.h"
@@ -22,6 +23,8 @@ SplitWorkspace::SplitWorkspace(const SplitPlan& plan)
       nodes_(plan.node_places().size() + 1),
       group_sum_(plan.lenslets().size()),
       group_count_(plan.lenslets().size()),
+      group_order_(plan.lenslets().size()),
+      group_rank_(plan.lenslets().size()),
       solver_(plan.solver()),
       correction_(plan.solver(), 2 * plan.lenslets().size()),
       network_(plan.network()) {}
@@ -132,11 +135,13 @@ class Splitter {
     const bool any_cut_off = ws_.faded_.any_part_cut_off();
     if (any_cut_off) ws_.lattice_.build_parts(slopes_.valid);
     const Lattice& lattice = any_cut_off ? ws_.lattice_ : plan_.lattice();
-    if (lattice.n_phase_groups() == 1)
+    if (lattice.n_phase_groups() == 1) {
       subtract_mean(grid_, ws_.weight_.data(), sum / static_cast<float>(std::max(sums_.n, 1)),
                     split_);
-    else
+      store_one_island();
+    } else {
       subtract_group_means(lattice);
+    }
     store_potential();
     ws_.faded_.store_holes(plan_.faces(), slopes_, split_.holes);
   }
@@ -154,9 +159,43 @@ class Splitter {
     }
     for (std::size_t g = 0; g < n_groups; ++g)
       ws_.group_sum_[g] /= static_cast<float>(std::max(ws_.group_count_[g], 1));
-    for (const std::int32_t k : plan_.lenslets())
-      if (slopes_.valid[as_size(k)] != 0)
-        split_.phase[as_size(k)] -= ws_.group_sum_[as_size(lattice.phase_group_of(k))];
+    rank_groups(n_groups);
+    std::fill(split_.island.begin(), split_.island.end(), HodgeSplit::kNoIsland);
+    for (const std::int32_t lenslet : plan_.lenslets()) {
+      const std::size_t k = as_size(lenslet);
+      if (slopes_.valid[k] == 0) continue;
+      const auto group = as_size(lattice.phase_group_of(lenslet));
+      split_.phase[k] -= ws_.group_sum_[group];
+      split_.island[k] = ws_.group_rank_[group];
+    }
+  }
+
+  /// Numbers the phase groups by their sizes, the largest first, and counts those that hold a
+  /// lenslet.
+  void rank_groups(std::size_t n_groups) noexcept {
+    const auto begin = ws_.group_order_.begin();
+    const auto end = begin + static_cast<std::ptrdiff_t>(n_groups);
+    std::iota(begin, end, 0);
+    std::sort(begin, end, [&](std::int32_t a, std::int32_t b) {
+      const std::int32_t size_a = ws_.group_count_[as_size(a)];
+      const std::int32_t size_b = ws_.group_count_[as_size(b)];
+      return size_a != size_b ? size_a > size_b : a < b;
+    });
+    split_.n_islands = split_.n_large_islands = 0;
+    for (std::size_t rank = 0; rank < n_groups; ++rank) {
+      const auto group = as_size(ws_.group_order_[rank]);
+      ws_.group_rank_[group] = static_cast<std::int32_t>(rank);
+      split_.n_islands += ws_.group_count_[group] > 0 ? 1 : 0;
+      split_.n_large_islands += ws_.group_count_[group] >= HodgeSplit::kLargeIsland ? 1 : 0;
+    }
+  }
+
+  /// Numbers all lenslets where the pupil has one part.
+  void store_one_island() noexcept {
+    for (std::size_t k = 0; k < split_.island.size(); ++k)
+      split_.island[k] = slopes_.valid[k] != 0 ? 0 : HodgeSplit::kNoIsland;
+    split_.n_islands = sums_.n > 0 ? 1 : 0;
+    split_.n_large_islands = sums_.n >= HodgeSplit::kLargeIsland ? 1 : 0;
   }
 
   /// Stores ψ by adding up w·e across edges, from the outside in. A faded lenslet adds nothing.

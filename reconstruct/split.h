@@ -100,6 +100,8 @@ class SplitWorkspace {
   AlignedVector<float> nodes_;      // [nodes + 1] in the order of elimination
   AlignedVector<float> group_sum_;  // [phase groups ≤ lenslets]
   AlignedVector<std::int32_t> group_count_;
+  AlignedVector<std::int32_t> group_order_;  // [phase groups] the largest first
+  AlignedVector<std::int32_t> group_rank_;   // [phase groups]
   BlockSolver::Workspace solver_;
   FadeCorrection correction_;
   bool factorised_ = false;  // whether network_ is the factor of the weights split last
@@ -108,9 +110,9 @@ class SplitWorkspace {
 
 /// Splits one frame. Lenslets of the plan that are not valid in `slopes` are left out of the fit:
 /// the answer is the least-squares one on the lattice that remains, and phase and slopes are 0 at
-/// these lenslets. A lenslet that is valid in `slopes` must be valid in the plan. Slopes are
-/// accurate to 1e-5 of the largest and the phase to 2e-5 of its own (in float; see
-/// tests/reconstruct). Weights beyond 1e±9 of their mean count as that much.
+/// these lenslets. The parts that they leave are numbered. A lenslet that is valid in `slopes` must
+/// be valid in the plan. Slopes are accurate to 1e-5 of the largest and the phase to 2e-5 of its
+/// own (in float; see tests/reconstruct). Weights beyond 1e±9 of their mean count as that much.
 void split_slopes(const SplitPlan& plan, const SlopeField& slopes, SplitWorkspace& workspace,
                   HodgeSplit& split) noexcept;
 

@@ -41,6 +41,7 @@ struct PipelineOptions {
 
 /// The methods by which vortices are found.
 enum class DetectMethod {
+  kAuto,         ///< takes the best of the others that sensor and settings allow
   kCirculation,  ///< finds circulation that stands out of the noise
   /// applies a matched filter to the circulation, weighted by each lenslet's noise and darkness
   kWhitened,
@@ -49,7 +50,7 @@ enum class DetectMethod {
 
 /// Section [detect]: how vortices are found, and which candidates are reported as vortices.
 struct DetectSettings : CirculationOptions {
-  DetectMethod method = DetectMethod::kCirculation;
+  DetectMethod method = DetectMethod::kAuto;
   /// The methods whitened and classifier report no vortex that is less probable than this.
   double min_probability = 0.5;
 };

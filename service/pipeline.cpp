@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <exception>
 #include <thread>
 #include <utility>
@@ -28,6 +29,8 @@ void RunReport::merge(const RunReport& other) {
   late += other.late;
   not_converged += other.not_converged;
   measured += other.measured;
+  lenslets += other.lenslets;
+  in_islands += other.in_islands;
   for (std::size_t i = 0; i < kFollowStates; ++i) followed[i] += other.followed[i];
   lost += other.lost;
   for (std::size_t i = 0; i < kLensletStates; ++i) unmeasured[i] += other.unmeasured[i];
@@ -86,6 +89,27 @@ std::string followed_text(const RunReport& report) {
             " % of the lenslets had no spot of their own, as beyond the beam";
   }
   return text;
+}
+
+std::vector<std::string> doubts(const RunReport& report) {
+  constexpr double kManyMissing = 0.05;
+  std::vector<std::string> texts;
+  if (report.measured == 0 || report.lenslets == 0) return texts;
+  const double missing = static_cast<double>(report.lenslets - report.measured - report.lost) /
+                         static_cast<double>(report.lenslets);
+  if (missing > kManyMissing) {
+    texts.push_back(std::to_string(std::lround(100.0 * missing)) +
+                    " % of the lenslets in the beam had no slope, because they were faint or "
+                    "saturated: what is found beside them is less sure");
+  }
+  if (report.in_islands > 0) {
+    texts.push_back("in " + std::to_string(report.in_islands) + " of " +
+                    std::to_string(report.frames) +
+                    " frames missing lenslets cut the phase into islands, each with mean 0: "
+                    "rms, modes or a mirror's command over all of it are wrong there (N_ISLANDS, "
+                    "and ISLAND beside --save phase)");
+  }
+  return texts;
 }
 
 std::string found_text(const RunReport& report) {
@@ -278,6 +302,8 @@ void Pipeline::publish(FrameSlot& slot, const Publisher& publisher) {
   count_lenslets(slot.centroids);
   if (slot.follower != nullptr) ++report_.followed[static_cast<std::size_t>(slot.follow_state)];
   report_.lost += slot.centroids.n_lost;
+  report_.lenslets += slot.plan->split.lattice().n_lenslets();
+  report_.in_islands += slot.split.n_large_islands > 1 ? 1 : 0;
   report_.vortices += static_cast<std::int64_t>(slot.vortices.size());
   report_.overflow += slot.vortices.overflow();
   report_.not_converged += slot.split.converged ? 0 : 1;

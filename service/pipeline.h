@@ -26,6 +26,8 @@ struct RunReport {
   std::int64_t late = 0;           ///< frames whose results missed the deadline
   std::int64_t not_converged = 0;  ///< frames whose split stopped at its iteration limit
   std::int64_t measured = 0;       ///< valid lenslets, over all frames
+  std::int64_t lenslets = 0;       ///< lit lenslets of the sensor, over all frames
+  std::int64_t in_islands = 0;     ///< frames whose phase has several large islands
   /// How many frames each FollowState had, and how often lenslets were kLost; for frames whose
   /// windows follow the spots.
   std::array<std::int64_t, kFollowStates> followed{};
@@ -48,6 +50,10 @@ std::string nothing_measured(const RunReport& report);
 /// Returns a sentence on where the spots were and how many were lost; empty if all were where the
 /// windows are.
 std::string followed_text(const RunReport& report);
+
+/// Returns sentences on what makes phase and vortices of the run less sure than they look: many
+/// lenslets without a slope, and phase in several islands.
+std::vector<std::string> doubts(const RunReport& report);
 
 /// Returns how many vortices were found, as "3 vortices", or "nothing measured".
 std::string found_text(const RunReport& report);

@@ -19,9 +19,9 @@ template <typename Enum>
 Word(const char*, Enum) -> Word<Enum>;
 inline constexpr std::array kThreadingWords = {Word{"inline", Threading::kInline},
                                                Word{"per_stage", Threading::kPerStage}};
-inline constexpr std::array kDetectMethodWords = {Word{"circulation", DetectMethod::kCirculation},
-                                                  Word{"whitened", DetectMethod::kWhitened},
-                                                  Word{"classifier", DetectMethod::kClassifier}};
+inline constexpr std::array kDetectMethodWords = {
+    Word{"auto", DetectMethod::kAuto}, Word{"circulation", DetectMethod::kCirculation},
+    Word{"whitened", DetectMethod::kWhitened}, Word{"classifier", DetectMethod::kClassifier}};
 inline constexpr std::array kTriggerWords = {
     Word{"as_is", Trigger::kAsIs}, Word{"free", Trigger::kFree}, Word{"line", Trigger::kLine},
     Word{"software", Trigger::kSoftware}};

@@ -13,6 +13,7 @@
 #include "detect/classifier/vortex_classifier.h"
 #include "detect/whitened/whitened_finder.h"
 #include "service/config.h"
+#include "service/method_choice.h"
 
 namespace curlew {
 
@@ -23,6 +24,8 @@ class VortexDetectionPlan {
   /// sensor.
   VortexDetectionPlan(const Sensor& sensor, const FrameFormat& format, const Config& config);
 
+  /// Returns the method that is used, and why it was chosen.
+  const MethodChoice& choice() const { return choice_; }
   /// Candidates that are less probable than this are not reported as vortices.
   double min_probability() const { return min_probability_; }
   const CirculationPlan& circulation() const { return circulation_; }
@@ -34,6 +37,7 @@ class VortexDetectionPlan {
   std::size_t candidate_capacity() const { return candidate_capacity_; }
 
  private:
+  MethodChoice choice_;
   double min_probability_;
   std::size_t candidate_capacity_;
   CirculationPlan circulation_;

@@ -155,9 +155,30 @@ void set_signed_pixels(FitsCube& cube) {
       (shifted ? "32768." : "65536 where it is negative."));
 }
 
+FitsCube open_pictures(const std::string& path, const FrameSelection& selection) {
+  if (!selection.hdu.empty())
+    throw UsageError(path + " is no FITS file: leave out the image's name or number (--hdu)");
+  FitsCube cube{.file = FitsFile::create_in_memory(path)};
+  cube.file.create_image(ElementType::kU8, {});
+  cube.pictures = std::make_unique<PictureStack>(path);
+  const PictureFormat& format = cube.pictures->format();
+  cube.hdus = {0};
+  cube.frames = cube.frames_per_hdu = format.frames;
+  cube.element = format.element;
+  cube.image_rows = format.rows;
+  cube.image_cols = format.cols;
+  set_region(cube, selection.region);
+  set_signed_pixels(cube);
+  if (cube.pictures->files() > 1)
+    cube.notes.push_back(path + ": " + std::to_string(cube.pictures->files()) +
+                         " files are read as frames, in the order of the numbers in their names.");
+  return cube;
+}
+
 }  // namespace
 
 FitsCube FitsCube::open(const std::string& path, const FrameSelection& selection) {
+  if (means_pictures(path)) return open_pictures(path, selection);
   FitsCube cube{.file = FitsFile::open(path)};
   read_optics(cube.file, cube.optics);
   read_detector(cube.file, cube.detector);

@@ -1,12 +1,15 @@
-// A FitsCube is the image of anybody's FITS file that holds the frames, as a stack.
+// A FitsCube is the image of anybody's FITS file that holds the frames, as a stack. Frames of PNG,
+// TIFF and npy files are read through it too.
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "acquisition/fits/fits_file.h"
+#include "acquisition/pictures/picture_stack.h"
 #include "acquisition/recording/frame_selection.h"
 #include "core/frame.h"
 #include "core/optics.h"
@@ -25,12 +28,14 @@ enum class SignedPixels { kAsWritten, kShifted, kWrapped };
 /// What is read of each frame is the region that the selection names, else the one that the key
 /// DATASEC names, else all. Its offset is added to that of the keys.
 struct FitsCube {
-  /// Opens a file. Throws Failure for whatever FitsFile::open, find_frame_hdus and FitsFile::image
-  /// refuse, and if there is no frame in the image, one dimension or more than three, a frame
-  /// larger than an int counts, or no such region in it.
+  /// Opens a file, or pictures (picture_stack.h), which have no keys; their `file` is empty and
+  /// only in memory. Throws Failure for whatever FitsFile::open, find_frame_hdus and
+  /// FitsFile::image refuse, and if there is no frame in the image, one dimension or more than
+  /// three, a frame larger than an int counts, or no such region in it.
   static FitsCube open(const std::string& path, const FrameSelection& selection = {});
 
   FitsFile file;
+  std::unique_ptr<PictureStack> pictures{};  ///< null: the frames are in `file`
   std::vector<int> hdus{};  ///< the images, each of which has frames_per_hdu frames
   std::int64_t frames_per_hdu = 0;
   ElementType element = ElementType::kU8;
@@ -55,6 +60,10 @@ struct FitsCube {
   /// FitsFile::read_pixels.
   template <typename T>
   void read_frame(std::int64_t frame, std::span<T> into) {
+    if (pictures) {
+      pictures->read(frame, part, into);
+      return;
+    }
     if (hdus.size() > 1) file.select(hdus[static_cast<std::size_t>(frame / frames_per_hdu)]);
     std::int64_t first = frame % frames_per_hdu * image_rows * image_cols;
     if (!is_cut()) {

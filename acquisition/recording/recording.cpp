@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 
+#include "acquisition/pictures/picture_stack.h"
 #include "core/error.h"
 
 namespace curlew {
@@ -90,6 +91,7 @@ void RecordingWriter::commit() {
 }
 
 std::optional<std::vector<TruthVortex>> read_truth(const std::string& path) {
+  if (means_pictures(path)) return std::nullopt;
   FitsFile file = FitsFile::open(path);
   if (!file.try_select("TRUTH")) return std::nullopt;
   const auto rows = static_cast<std::size_t>(file.whole_row_count());

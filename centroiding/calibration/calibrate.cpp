@@ -4,18 +4,19 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <functional>
 #include <iterator>
 #include <limits>
 #include <utility>
 
+#include "centroiding/calibration/bad_pixel_search.h"
 #include "centroiding/calibration/detector_estimate.h"
 #include "centroiding/calibration/lenslet_grid_finder.h"
 #include "centroiding/calibration/optics_check.h"
+#include "centroiding/calibration/saturation_search.h"
 #include "centroiding/calibration/sentence.h"
 #include "centroiding/calibration/spot_picture.h"
 #include "centroiding/calibration/window_gain.h"
-#include "centroiding/pixel_response.h"
+#include "centroiding/calibration/window_layout.h"
 #include "centroiding/sampling_curve.h"
 #include "core/error.h"
 
@@ -31,24 +32,31 @@ void check_size(const Image<T>& map, const Image<float>& reference, const char* 
                     reference.cols(), "×", reference.rows(), ": give files of one camera setting"));
 }
 
-/// Adopts the flat with mean 1 over good pixels. Pixels that hardly respond join the bad ones.
-void adopt_flat(Sensor& sensor, const CalibrationInput& input) {
+/// Adopts the flat with mean 1 over good pixels. Its dead pixels join the bad ones.
+void adopt_flat(Sensor& sensor, const CalibrationInput& input, std::vector<std::string>& notes) {
   if (input.flat.empty()) return;
   sensor.flat = input.flat;
-  add_bad_pixels(sensor, find_unresponsive_pixels(input.flat));
+  const Image<std::uint8_t> dead = find_dead_pixels(input.flat);
+  const auto n_dead = std::count(dead.begin(), dead.end(), std::uint8_t{1});
+  if (n_dead > 0) {
+    add_bad_pixels(sensor, dead);
+    notes.push_back(say(n_dead, " pixels of the flat are dead, or far below their neighbours, and ",
+                        "are taken as bad"));
+  }
   double sum = 0.0;
   std::size_t n = 0;
   for (std::size_t i = 0; i < sensor.flat.size(); ++i) {
-    if (sensor.bad_pixel[i] != 0) continue;
-    sum += static_cast<double>(sensor.flat[i]);
-    ++n;
+    if (dead[i] != 0) {
+      sensor.flat[i] = 1.0F;
+    } else if (sensor.bad_pixel.empty() || sensor.bad_pixel[i] == 0) {
+      sum += static_cast<double>(sensor.flat[i]);
+      ++n;
+    }
   }
   if (n == 0) throw Failure("the flat has no pixel above 0: give a flat of an evenly lit detector");
-  const double mean = sum / static_cast<double>(n);
+  const auto mean = static_cast<float>(sum / static_cast<double>(n));
   for (std::size_t i = 0; i < sensor.flat.size(); ++i)
-    sensor.flat[i] = sensor.bad_pixel[i] != 0
-                         ? 1.0F
-                         : static_cast<float>(static_cast<double>(sensor.flat[i]) / mean);
+    if (dead[i] == 0) sensor.flat[i] /= mean;
 }
 
 /// Returns the reference as the kernel sees it: with the dark subtracted, and divided by the flat.
@@ -138,127 +146,6 @@ Image<float> find_level(const Image<float>& corrected, const Sensor& sensor, con
   return map;
 }
 
-/// Takes the largest value as the saturation level where none was given and that value is no
-/// chance: at least 8 pixels hold it, three times as many as any other value in the upper half.
-/// Frames without noise say nothing.
-void find_saturation(Sensor& sensor, const Image<float>& reference, const FoundGrid& found,
-                     std::vector<std::string>& notes) {
-  constexpr int kMany = 8;
-  constexpr int kTimes = 3;
-  if (!std::isnan(sensor.detector.saturation_adu) || !(found.noise_adu > 0.0)) return;
-  std::vector<float> values;
-  for (std::size_t i = 0; i < reference.size(); ++i) {
-    const bool bad = !sensor.bad_pixel.empty() && sensor.bad_pixel[i] != 0;
-    if (!bad && std::isfinite(reference[i])) values.push_back(reference[i]);
-  }
-  if (values.empty()) return;
-  std::sort(values.begin(), values.end(), std::greater<>());
-  const double half = 0.5 * (found.background_adu + static_cast<double>(values.front()));
-  int n_top = 0;
-  int n_other = 0;
-  for (std::size_t i = 0; i < values.size() && static_cast<double>(values[i]) > half;) {
-    std::size_t end = i;
-    while (end < values.size() && values[end] == values[i]) ++end;
-    const auto n = static_cast<int>(end - i);
-    if (i == 0) {
-      n_top = n;
-    } else {
-      n_other = std::max(n_other, n);
-    }
-    i = end;
-  }
-  if (n_top < kMany || n_top < kTimes * n_other) return;
-  sensor.detector.saturation_adu = static_cast<double>(values.front());
-  notes.push_back(say(n_top, " pixels of the reference hold its largest value, ", values.front(),
-                      " ADU, which is taken as the saturation level (--saturation-adu)"));
-}
-
-/// Refuses a reference of which more than a tenth of the spots are saturated.
-void refuse_saturated(const Sensor& sensor, const Image<float>& reference) {
-  constexpr int kTenth = 10;
-  if (std::isnan(sensor.detector.saturation_adu)) return;
-  int n_lit = 0;
-  int n_saturated = 0;
-  for (const Window& w : sensor.window) {
-    if (w.w == 0) continue;
-    ++n_lit;
-    bool saturated = false;
-    for (int r = w.y0; r < w.y0 + w.h; ++r) {
-      for (int c = w.x0; c < w.x0 + w.w; ++c) {
-        const bool bad = !sensor.bad_pixel.empty() && sensor.bad_pixel(r, c) != 0;
-        saturated = saturated || (!bad && static_cast<double>(reference(r, c)) >=
-                                              sensor.detector.saturation_adu);
-      }
-    }
-    n_saturated += saturated ? 1 : 0;
-  }
-  if (n_saturated * kTenth > n_lit) {
-    throw Failure(say(n_saturated, " of ", n_lit, " spots of the reference are saturated at ",
-                      sensor.detector.saturation_adu, " ADU: expose it less"));
-  }
-}
-
-/// Returns the side of the widest square window that leaves neighbours apart, whichever way the
-/// grid is turned.
-int window_side(const LensletGrid& grid) {
-  constexpr double kTolerancePx = 0.1;  // A pitch of 6 may be fitted as 5.9998.
-  const double apart = std::min(std::max(std::abs(grid.p11), std::abs(grid.p21)),
-                                std::max(std::abs(grid.p12), std::abs(grid.p22)));
-  return std::max(static_cast<int>(std::floor(apart + kTolerancePx)), 2);
-}
-
-/// Returns the window clipped to the frame. It is empty where less than half of it is left.
-Window window_at(double x, double y, int side, int frame_cols, int frame_rows) {
-  const auto first = [side](double centre) {
-    return static_cast<int>(std::lround(centre - 0.5 * (side - 1)));
-  };
-  const int x0 = std::max(first(x), 0);
-  const int y0 = std::max(first(y), 0);
-  const int x1 = std::min(first(x) + side, frame_cols);
-  const int y1 = std::min(first(y) + side, frame_rows);
-  if (x1 <= x0 || y1 <= y0 || 2 * (x1 - x0) * (y1 - y0) < side * side) return {};
-  return {x0, y0, x1 - x0, y1 - y0};
-}
-
-/// Takes away what [a0, a0+an) and [b0, b0+bn), of which a comes first, share beyond one pixel.
-/// Both lose half of it.
-void part(int& an, int& b0, int& bn, int shared) {
-  const int excess = shared - 1;
-  const int from_b = excess / 2;
-  an -= excess - from_b;
-  b0 += from_b;
-  bn -= from_b;
-}
-
-/// Parts two windows that spots off the grid bring together, along the axis on which they share
-/// less.
-void part_windows(Window& a, Window& b) {
-  if (a.w == 0 || b.w == 0) return;
-  const int in_x = std::min(a.x0 + a.w, b.x0 + b.w) - std::max(a.x0, b.x0);
-  const int in_y = std::min(a.y0 + a.h, b.y0 + b.h) - std::max(a.y0, b.y0);
-  if (std::min(in_x, in_y) <= 1) return;
-  if (in_x <= in_y) {
-    Window& left = a.x0 <= b.x0 ? a : b;
-    Window& right = a.x0 <= b.x0 ? b : a;
-    part(left.w, right.x0, right.w, in_x);
-  } else {
-    Window& upper = a.y0 <= b.y0 ? a : b;
-    Window& lower = a.y0 <= b.y0 ? b : a;
-    part(upper.h, lower.y0, lower.h, in_y);
-  }
-}
-
-void part_neighbours(Image<Window>& windows) {
-  constexpr std::array<std::array<int, 2>, 4> kSteps{{{0, 1}, {1, -1}, {1, 0}, {1, 1}}};
-  for (int r = 0; r < windows.rows(); ++r) {
-    for (int c = 0; c < windows.cols(); ++c) {
-      for (const auto& [dr, dc] : kSteps) {
-        if (windows.contains(r + dr, c + dc)) part_windows(windows(r, c), windows(r + dr, c + dc));
-      }
-    }
-  }
-}
-
 /// Sets the gains of all lenslets. A gain well below the others' belongs to a smear or to a spot
 /// that the rim cuts, and this lenslet is dropped. Below kMinGain most of a displacement is lost,
 /// and dividing by the gain would multiply noise.
@@ -340,20 +227,12 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
   const CentroidOptions& options = input.centroid;
   const int rows = found.grid.rows;
   const int cols = found.grid.cols;
-  const int side = window_side(found.grid);
   sensor.valid = found.lit;
-  sensor.window = Image<Window>(rows, cols);
+  sensor.window = lay_windows(found, sensor.frame_rows, sensor.frame_cols);
   for (auto* map :
        {&sensor.ref_x_px, &sensor.ref_y_px, &sensor.gain_x, &sensor.gain_y, &sensor.flux_adu}) {
     *map = Image<float>(rows, cols, kNaN);
   }
-  for (std::size_t k = 0; k < found.lit.size(); ++k) {
-    if (found.lit[k] == 0) continue;
-    sensor.window[k] =
-        window_at(static_cast<double>(found.spot_x_px[k]), static_cast<double>(found.spot_y_px[k]),
-                  side, sensor.frame_cols, sensor.frame_rows);
-  }
-  part_neighbours(sensor.window);
 
   const double noise_adu = sensor.detector.read_noise_e / sensor.detector.e_per_adu;
   sensor.method = options.method;
@@ -419,9 +298,10 @@ Calibration calibrate_sensor(const CalibrationInput& input) {
   sensor.offset_x_px = input.offset_x_px;
   sensor.offset_y_px = input.offset_y_px;
   sensor.binning = input.binning;
+  sensor.pixel_bits = input.pixel_bits;
   sensor.dark_adu = input.dark_adu;
   sensor.bad_pixel = input.bad_pixel;
-  adopt_flat(sensor, input);
+  adopt_flat(sensor, input, calibration.notes);
 
   const Image<float> corrected = correct(input.reference_adu, sensor);
   const FoundGrid found = find_lenslet_grid(corrected, sensor.bad_pixel, input.optics.mirrored);

@@ -29,6 +29,7 @@ struct CalibrationInput {
   int offset_x_px = 0;
   int offset_y_px = 0;
   int binning = 1;
+  int pixel_bits = 0;  ///< see Sensor
   /// Each lenslet's light ends at its window, as in simulated frames: no neighbour's comes in.
   bool light_is_cut = false;
   CentroidOptions centroid;  ///< thresholds with which flux and window gain are measured

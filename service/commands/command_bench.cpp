@@ -21,6 +21,7 @@ namespace {
 struct BenchOptions {
   BenchSize size;
   std::int64_t frames = 2000;
+  std::string method = "circulation";
   std::string threads = "inline";
   std::vector<int> cpus;
   bool json = false;
@@ -50,6 +51,7 @@ Measured measure(const BenchCase& which, const BenchOptions& options) {
   add_maps(sensor, 1);
   Config config;
   config.centroid.threshold_adu = kBenchThresholdAdu;
+  config.detect.method = setting_from<DetectMethod>(options.method, "--method");
   config.pipeline.threads = setting_from<Threading>(options.threads, "--threads");
   config.pipeline.cpus = options.cpus;
   ThreadPlacement placement(options.cpus, 0);
@@ -75,6 +77,7 @@ void bench_latency(const BenchOptions& options) {
   refuse_debug_build();
   nlohmann::ordered_json json = machine_json();
   json["threads"] = options.threads;
+  json["method"] = options.method;
   json["frames"] = options.frames;
   std::string text;
   for (const BenchCase& which : all) {
@@ -97,8 +100,8 @@ void bench_latency(const BenchOptions& options) {
     fmt::print("{}\n", json.dump(2));
     return;
   }
-  fmt::print("{}threads {}, pinned: {}\n{}", machine_text(), options.threads,
-             json["pinning"].get<std::string>(), text);
+  fmt::print("{}method {}, threads {}, pinned: {}\n{}", machine_text(), options.method,
+             options.threads, json["pinning"].get<std::string>(), text);
 }
 
 }  // namespace
@@ -111,6 +114,10 @@ void add_bench(CLI::App& app) {
       "latency", "Latency of every stage; without sizes: 40x40 of 6 px, 80x80 of 10, 30x30 of 32");
   options->size.add_windows_to(*latency);
   latency->add_option("--frames", options->frames, "frames of each case")->capture_default_str();
+  latency
+      ->add_option("--method", options->method,
+                   "how vortices are looked for; the default is what older figures are of")
+      ->capture_default_str();
   latency
       ->add_option("--threads", options->threads,
                    "all stages on one thread (inline) or one each (per_stage)")

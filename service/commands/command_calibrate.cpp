@@ -9,18 +9,18 @@
 #include <optional>
 
 #include "acquisition/fits/partial_path.h"
-#include "acquisition/recording/fits_cube.h"
 #include "acquisition/recording/fits_source.h"
 #include "acquisition/recording/mean_image.h"
 #include "acquisition/recording/recording.h"
 #include "centroiding/calibration/calibrate.h"
-#include "centroiding/calibration/dark_check.h"
 #include "core/error.h"
 #include "service/commands/commands.h"
 #include "service/commands/force_flag.h"
 #include "service/config.h"
+#include "service/picture/sensor_picture.h"
 #include "service/program/outputs.h"
 #include "service/sensor/capture.h"
+#include "service/sensor/frame_maps.h"
 #include "service/sensor/optics_comparison.h"
 #include "service/sensor/reference_spots.h"
 #include "service/sensor/sensor_file.h"
@@ -34,6 +34,8 @@ struct CalibrateOptions {
   std::string dark, dark_hdu;
   std::string flat, flat_hdu;
   std::string bad_pixels, bad_pixels_hdu;
+  std::string make_bad_pixels;
+  std::string picture;
   std::string config;
   std::string out;
   std::string camera;
@@ -45,13 +47,6 @@ struct CalibrateOptions {
   bool mirror = false;
   Existing existing = Existing::kRefused;
 };
-
-template <typename To, typename From>
-Image<To> converted(const Image<From>& from) {
-  Image<To> to(from.rows(), from.cols());
-  std::transform(from.begin(), from.end(), to.begin(), [](From v) { return static_cast<To>(v); });
-  return to;
-}
 
 /// Replaces what the recording says by what the user gave, in SI units, if it was given.
 void apply_option(double& value, const std::optional<double>& given, double unit,
@@ -94,38 +89,6 @@ Detector detector_of(const CalibrateOptions& options, Detector detector) {
 
 FrameSelection reference_selection(const CalibrateOptions& options) {
   return {.hdu = options.hdu, .region = parse_region(options.region)};
-}
-
-/// Returns the mean of a dark, flat or bad-pixel file. It must have the reference's size, or be as
-/// large as the image of which the reference is a region; then the same region is taken.
-MeanImage read_map(const std::string& path, const MeanImage& reference, FrameSelection selection) {
-  const FitsCube cube = FitsCube::open(path, selection);
-  if (cube.image_rows == reference.image_rows && cube.image_cols == reference.image_cols)
-    selection.region = reference.part;
-  MeanImage map = read_mean_image(path, selection);
-  const FrameFormat& a = map.region;
-  const FrameFormat& b = reference.region;
-  if (a.offset_x_px != b.offset_x_px || a.offset_y_px != b.offset_y_px || a.binning != b.binning)
-    throw Failure(fmt::format(
-        "{} begins at ({}, {}) binned {}, the reference at ({}, {}) binned {}", path, a.offset_x_px,
-        a.offset_y_px, a.binning, b.offset_x_px, b.offset_y_px, b.binning));
-  if (a.rows != b.rows || a.cols != b.cols)
-    throw Failure(fmt::format("{} is {} x {} px, the reference {} x {}", path, a.cols, a.rows,
-                              b.cols, b.rows));
-  return map;
-}
-
-/// Prints level and noise of a dark, and refuses one that is lit.
-void check_dark(const std::string& path, const MeanImage& read) {
-  const auto mean = converted<float>(read.mean);
-  const auto variance = read.variance.empty() ? Image<float>{} : converted<float>(read.variance);
-  const DarkFrame dark = measure_dark(mean, variance, static_cast<int>(read.frames));
-  const std::string light = find_light_in_dark(mean, dark);
-  if (!light.empty())
-    throw Failure(fmt::format("{} is not dark: {}; take it with the light off", path, light));
-  fmt::print("{}: a dark of {:.5g} ADU with {:.4g} ADU of noise {}\n", path, dark.level_adu,
-             dark.noise_adu,
-             read.frames > 1 ? fmt::format("over {} frames", read.frames) : "between pixels");
 }
 
 /// Returns the power of 2 of which all values of the first frame are multiples, as where a camera
@@ -184,6 +147,13 @@ CalibrationInput read_input(const CalibrateOptions& options, const FitsSource& s
   input.offset_x_px = source.format().offset_x_px;
   input.offset_y_px = source.format().offset_y_px;
   input.binning = source.format().binning;
+  // What 8 bits can hold may be frames of 8 bits that some program wrote as 16.
+  constexpr double kLargestOf8Bits = 255.0;
+  input.pixel_bits = converter_bits(source.format());
+  if (std::none_of(reference.mean.begin(), reference.mean.end(),
+                   [](double adu) { return adu > kLargestOf8Bits; }) &&
+      input.pixel_bits == 16)
+    input.pixel_bits = 0;
   return input;
 }
 
@@ -238,6 +208,10 @@ void calibrate_on_recording(const CalibrateOptions& options) {
   const ReferenceReport report = measure_reference_spots(source, config.centroid, sensor);
   write_sensor(options.out, sensor, provenance_of(options, config));
   print_fit(options, sensor);
+  if (!options.picture.empty()) {
+    write_sensor_picture(options.picture, sensor, input.reference_adu);
+    fmt::print("  {}\n", sensor_picture_legend(options.picture));
+  }
   for (const std::string& note : source.notes()) fmt::print("  {}\n", note);
   if (!source.map_report().empty()) fmt::print("  {}\n", source.map_report());
   // --mirror only adds to what the header says.
@@ -292,23 +266,109 @@ void calibrate_on_camera(CalibrateOptions options) {
   discard();
 }
 
+void check_outputs(const CalibrateOptions& options) {
+  const std::vector<std::string> inputs = {options.reference, options.dark,
+                                           options.flat,      options.bad_pixels,
+                                           options.config,    options.make_bad_pixels};
+  for (const std::string& output : {options.out, options.picture, options.keep})
+    check_output(output, inputs, options.existing);
+  const auto differ = [&](const std::string& option, const std::string& path) {
+    if (!path.empty() && target_of(path) == target_of(options.out))
+      throw UsageError(option + " and --out name the same file " + options.out);
+  };
+  differ("--picture", options.picture);
+  differ("--keep", options.keep);
+}
+
 void calibrate(const CalibrateOptions& options) {
+  check_outputs(options);
+  if (!options.make_bad_pixels.empty()) {
+    make_bad_pixels(options.make_bad_pixels,
+                    {.hdu = options.dark_hdu, .content = ImageContent::kDark}, options.flat,
+                    {.hdu = options.flat_hdu, .content = ImageContent::kFlat}, options.out);
+    return;
+  }
+  if (!options.dark_hdu.empty() && options.dark.empty())
+    throw UsageError("--dark-hdu needs --dark or --make-bad-pixels");
   if (options.camera.empty() == options.reference.empty())
     throw UsageError("give either a reference recording or --camera");
-  if (!options.camera.empty() && !(options.hdu.empty() && options.region.empty()))
-    throw UsageError("--hdu and --region are for a reference recording, not for --camera");
-  if (options.camera.empty() && (options.take_dark || !options.keep.empty()))
-    throw UsageError("--take-dark and --keep need --camera");
-  const std::vector<std::string> inputs{options.reference, options.dark, options.flat,
-                                        options.bad_pixels, options.config};
-  check_output(options.out, inputs, options.existing);
-  check_output(options.keep, inputs, options.existing);
-  if (!options.keep.empty() && target_of(options.keep) == target_of(options.out))
-    throw UsageError("--out and --keep name the same file " + options.out);
   if (options.camera.empty())
     calibrate_on_recording(options);
   else
     calibrate_on_camera(options);
+}
+
+/// Adds the options that say where frames and maps come from. Options without effect are refused.
+void add_files(CLI::App& command, CalibrateOptions& options) {
+  auto* reference =
+      command.add_option("reference", options.reference,
+                         "frames of the reference beam: FITS, PNG, TIFF or npy, a directory of "
+                         "pictures, or a pattern in quotes");
+  command
+      .add_option("--hdu", options.hdu,
+                  "image of the reference to read, by EXTNAME or number (0: the primary)")
+      ->needs(reference);
+  command
+      .add_option("--region", options.region,
+                  "part of each frame to read: X,Y,W,H in px from 0 (default: key DATASEC)")
+      ->needs(reference);
+  auto* camera =
+      command.add_option("--camera", options.camera,
+                         "camera to take the frames from: aravis:ID, usb:VID:PID, isio:NAME or "
+                         "sim:PRESET");
+  command.add_option("--frames", options.frames, "how many frames to take from the camera")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str()
+      ->needs(camera);
+  command
+      .add_option("--keep", options.keep, "recording in which the camera's frames are kept (FITS)")
+      ->needs(camera);
+  auto* take_dark =
+      command
+          .add_flag("--take-dark", options.take_dark,
+                    "only take frames from the camera, with the light off, into --out")
+          ->needs(camera);
+  command.add_option("--out", options.out, "the sensor file (FITS)")->required();
+  add_force_flag(command, options.existing);
+  auto* dark = command.add_option("--dark", options.dark,
+                                  "dark frame, or a stack, which also gives the read noise");
+  auto* make = command.add_option(
+      "--make-bad-pixels", options.make_bad_pixels,
+      "only find the bad pixels of this dark stack, and of --flat, and write their map to --out");
+  command.add_option("--dark-hdu", options.dark_hdu,
+                     "image of --dark, or of --make-bad-pixels, to read, by EXTNAME or number");
+  auto* flat = command.add_option("--flat", options.flat, "flat field, of any scale (FITS)");
+  command
+      .add_option("--flat-hdu", options.flat_hdu, "image of --flat to read, by EXTNAME or number")
+      ->needs(flat);
+  auto* bad = command.add_option("--bad-pixels", options.bad_pixels,
+                                 "image that is not 0 where a pixel is bad (FITS)");
+  command
+      .add_option("--bad-pixels-hdu", options.bad_pixels_hdu,
+                  "image of --bad-pixels to read, by EXTNAME or number")
+      ->needs(bad);
+  auto* picture = command.add_option("--picture", options.picture,
+                                     "PNG to draw what was found into, window by window");
+  make->excludes(reference)->excludes(camera)->excludes(dark)->excludes(bad)->excludes(picture);
+  take_dark->excludes(dark)->excludes(flat)->excludes(bad)->excludes(picture);
+}
+
+/// Adds the options that describe optics and detector.
+void add_numbers(CLI::App& command, CalibrateOptions& options) {
+  command.add_option("--config", options.config,
+                     "configuration (TOML): [centroid], and [camera] with --camera");
+  command.add_option("--pitch-um", options.pitch_um, "lenslet pitch, µm");
+  command.add_option("--focal-mm", options.focal_mm, "focal length of the lenslets, mm");
+  command.add_option("--pixel-um", options.pixel_um, "pixel size, as binned, µm");
+  command.add_option("--wavelength-nm", options.wavelength_nm, "wavelength, nm");
+  command.add_option("--magnification", options.magnification,
+                     "magnification of a relay between lenslets and detector (default 1)");
+  command.add_flag("--mirror", options.mirror,
+                   "say that the relay mirrors the image; flips charges");
+  command.add_option("--e-per-adu", options.e_per_adu, "detector gain, electrons per ADU");
+  command.add_option("--read-noise-e", options.read_noise_e, "read noise, electrons rms");
+  command.add_option("--saturation-adu", options.saturation_adu,
+                     "a pixel at or above this is saturated, ADU");
 }
 
 }  // namespace
@@ -317,48 +377,8 @@ void add_calibrate(CLI::App& app) {
   auto options = std::make_shared<CalibrateOptions>();
   CLI::App* command =
       app.add_subcommand("calibrate", "Find the lenslet grid and write the sensor file");
-  command->add_option("reference", options->reference, "frames of the reference beam (FITS)");
-  command->add_option("--hdu", options->hdu,
-                      "image of the reference to read, by EXTNAME or number (0: the primary)");
-  command->add_option("--region", options->region,
-                      "part of each frame to read: X,Y,W,H in px from 0 (default: key DATASEC)");
-  command->add_option("--camera", options->camera,
-                      "camera to take the frames from: aravis:ID, usb:VID:PID, isio:NAME or "
-                      "sim:PRESET");
-  command->add_option("--frames", options->frames, "how many frames to take from the camera")
-      ->check(CLI::Range(1, 100000))
-      ->capture_default_str();
-  command->add_option("--keep", options->keep,
-                      "recording in which the camera's frames are kept (FITS)");
-  command->add_flag("--take-dark", options->take_dark,
-                    "only take frames from the camera, with the light off, into --out");
-  command->add_option("--out", options->out, "the sensor file (FITS)")->required();
-  add_force_flag(*command, options->existing);
-  command->add_option("--dark", options->dark,
-                      "dark frame, or a stack, which also gives the read noise");
-  command->add_option("--dark-hdu", options->dark_hdu,
-                      "image of --dark to read, by EXTNAME or number");
-  command->add_option("--flat", options->flat, "flat field, of any scale (FITS)");
-  command->add_option("--flat-hdu", options->flat_hdu,
-                      "image of --flat to read, by EXTNAME or number");
-  command->add_option("--bad-pixels", options->bad_pixels,
-                      "image that is not 0 where a pixel is bad (FITS)");
-  command->add_option("--bad-pixels-hdu", options->bad_pixels_hdu,
-                      "image of --bad-pixels to read, by EXTNAME or number");
-  command->add_option("--config", options->config,
-                      "configuration (TOML): [centroid], and [camera] with --camera");
-  command->add_option("--pitch-um", options->pitch_um, "lenslet pitch, µm");
-  command->add_option("--focal-mm", options->focal_mm, "focal length of the lenslets, mm");
-  command->add_option("--pixel-um", options->pixel_um, "pixel size, as binned, µm");
-  command->add_option("--wavelength-nm", options->wavelength_nm, "wavelength, nm");
-  command->add_option("--magnification", options->magnification,
-                      "magnification of a relay between lenslets and detector (default 1)");
-  command->add_flag("--mirror", options->mirror,
-                    "say that the relay mirrors the image; flips charges");
-  command->add_option("--e-per-adu", options->e_per_adu, "detector gain, electrons per ADU");
-  command->add_option("--read-noise-e", options->read_noise_e, "read noise, electrons rms");
-  command->add_option("--saturation-adu", options->saturation_adu,
-                      "a pixel at or above this is saturated, ADU");
+  add_files(*command, *options);
+  add_numbers(*command, *options);
   command->callback([options] { calibrate(*options); });
 }
 

@@ -10,6 +10,7 @@
 #include "acquisition/recording/recording.h"
 #include "core/error.h"
 #include "service/commands/commands.h"
+#include "service/commands/force_flag.h"
 #include "service/program/interrupt.h"
 #include "service/program/outputs.h"
 #include "service/program/progress.h"
@@ -28,6 +29,7 @@ struct ConvertOptions {
   std::string out;
   std::string milk;
   std::string name = "curlew";
+  Existing existing = Existing::kRefused;
 };
 
 /// Reads ROWSxCOLS.
@@ -70,7 +72,7 @@ Input open_input(const ConvertOptions& options) {
     else
       files.push_back(input);
   }
-  refuse_overwriting(options.out, files);
+  check_output(options.out, files, options.existing);
   if (!options.raw.empty())
     return {std::make_unique<RawSource>(files, raw_layout(options)), {}, {}};
   const FrameSelection selection{.hdu = options.hdu, .region = parse_region(options.region)};
@@ -120,6 +122,7 @@ void add_convert(CLI::App& app) {
                    "FITS files, or folders of them, in order; milk's times beside them are kept")
       ->required();
   command->add_option("--out", options->out, "recording to write (FITS)");
+  add_force_flag(*command, options->existing);
   command->add_option("--milk", options->milk,
                       "folder to write to as milk does: DIR/YYYYMMDD/NAME/NAME_TIME.fits and .txt");
   command->add_option("--name", options->name, "name of the stream for --milk")

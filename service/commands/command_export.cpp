@@ -5,6 +5,7 @@
 
 #include "core/error.h"
 #include "service/commands/commands.h"
+#include "service/commands/force_flag.h"
 #include "service/export/aot_export.h"
 #include "service/program/outputs.h"
 
@@ -14,6 +15,7 @@ void add_export(CLI::App& app) {
   struct ExportOptions {
     AotInputs inputs;
     std::string out;
+    Existing existing = Existing::kRefused;
     bool aot = false;
   };
   auto options = std::make_shared<ExportOptions>();
@@ -29,10 +31,12 @@ void add_export(CLI::App& app) {
   command->add_option("--sensor", options->inputs.sensor, "sensor file made by 'curlew calibrate'")
       ->required();
   command->add_option("--out", options->out, "file to write (FITS)")->required();
+  add_force_flag(*command, options->existing);
   command->callback([options] {
     if (!options->aot) throw UsageError("say which format: --aot is the only one");
-    refuse_overwriting(
-        options->out, {options->inputs.results, options->inputs.recording, options->inputs.sensor});
+    check_output(options->out,
+                 {options->inputs.results, options->inputs.recording, options->inputs.sensor},
+                 options->existing);
     export_aot(options->inputs, options->out);
     fmt::print("{}\n", options->out);
   });

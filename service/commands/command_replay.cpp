@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <memory>
 
 #include "acquisition/fits/partial_path.h"
@@ -13,6 +14,7 @@
 #include "service/commands/commands.h"
 #include "service/commands/force_flag.h"
 #include "service/commands/pipeline_flags.h"
+#include "service/picture/frame_picture.h"
 #include "service/pipeline.h"
 #include "service/program/interrupt.h"
 #include "service/program/outputs.h"
@@ -37,6 +39,7 @@ struct ReplayOptions {
   PipelineFlags pipeline;
   std::string out;
   std::string jsonl;
+  std::string picture;
   std::vector<std::string> save;
   double pace_hz = 0.0;
   std::int64_t show = 3;
@@ -60,6 +63,12 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
         fmt::format("{} has {:.4g} e- per ADU, the sensor file {:.4g}: if the sensor "
                     "file is wrong, calibrate again with --e-per-adu",
                     recording, e_per_adu, sensor.detector.e_per_adu));
+  const int bits = source.detector().bit_depth;
+  if (bits != 0 && sensor.detector.bit_depth != 0 && bits != sensor.detector.bit_depth)
+    notes.push_back(fmt::format(
+        "{} has {} bits, the sensor file {}: levels and saturation are those of the sensor file, "
+        "so calibrate with frames of the same pixel format",
+        recording, bits, sensor.detector.bit_depth));
   const std::string differing = differing_optics(source.optics(), sensor.optics);
   if (!differing.empty())
     notes.push_back(
@@ -86,11 +95,12 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
 }
 
 /// Refuses options that contradict each other, before anything is read or written.
-void check_usage(const ReplayOptions& options) {
+void check_usage(const ReplayOptions& options, const FramePictureOptions& picture) {
   std::vector<std::string> inputs = options.recordings;
   inputs.push_back(options.sensor);
   inputs.push_back(options.pipeline.config);
   check_output(options.out, inputs, options.existing);
+  check_output(picture.path, inputs, options.existing);
   check_stream_output(options.jsonl, inputs, options.existing);
   if (!options.save.empty() && options.out.empty())
     throw UsageError("--save goes into --out, name a file there");
@@ -124,8 +134,8 @@ struct ReplayFiles {
 
 RunReport run_pipeline(const ReplayOptions& options, const Config& config,
                        const std::shared_ptr<const Plan>& plan, FitsSource& source,
-                       ThreadPlacement& placement, const ReplayFiles& files,
-                       VortexPrinter& printer) {
+                       ThreadPlacement& placement, const ReplayFiles& files, VortexPrinter& printer,
+                       const std::function<void(const FrameSlot&)>& draw) {
   FrameResult result(plan->detect.capacity());
   Progress progress("replay", source.frame_count());
   Pipeline pipeline(plan, config.pipeline, placement.thread_start());
@@ -133,6 +143,7 @@ RunReport run_pipeline(const ReplayOptions& options, const Config& config,
   Publisher publisher;
   publisher.publish = [&](const FrameSlot& slot) {
     if (files.results) files.results->add(slot);
+    draw(slot);
   };
   publisher.finish = [&](const FrameSlot& slot, std::int64_t dropped) {
     if (files.results) files.results->add_latency(slot);
@@ -152,6 +163,7 @@ void print_summary(const RunReport& report, const Config& config,
              found_text(report), report.dropped,
              static_cast<double>(report.frames) / report.seconds);
   if (const std::string text = followed_text(report); !text.empty()) fmt::print("{}\n", text);
+  for (const std::string& text : doubts(report)) fmt::print("{}\n", text);
   if (report.overflow > 0)
     fmt::print("{} more vortices did not fit: raise [pipeline] max_vortices\n", report.overflow);
   if (report.not_converged > 0)
@@ -162,7 +174,8 @@ void print_summary(const RunReport& report, const Config& config,
 }
 
 void replay(const ReplayOptions& options) {
-  check_usage(options);
+  const FramePictureOptions picture = frame_picture_options(options.picture);
+  check_usage(options, picture);
   const SaveOptions save = save_options_from(options.save);
   Config config = options.pipeline.configuration();
   config.split.hidden_phase |= save.whole_phase;
@@ -174,18 +187,31 @@ void replay(const ReplayOptions& options) {
   ReplayFiles files;
   // This comes before anything is printed, because the lines may take standard output.
   if (!options.jsonl.empty()) files.lines = std::make_unique<JsonLines>(options.jsonl);
+  if (const std::string line = method_line(plan->detect.choice()); !line.empty())
+    fmt::print("{}\n", line);
   print_input(options, source, sensor);
   if (!options.out.empty())
     files.results = std::make_unique<ResultsFile>(options.out, *plan, save, source.frame_count());
-  VortexPrinter printer(truth, config, options.show);
+  VortexPrinter printer(truth, *plan, options.show);
   ThreadPlacement placement(config.pipeline.cpus, config.realtime.priority);
-  const RunReport report = run_pipeline(options, config, plan, source, placement, files, printer);
+  bool drawn = false;
+  const auto draw = [&](const FrameSlot& slot) {
+    if (slot.frame_index != picture.frame) return;
+    write_frame_picture(picture.path, sensor, slot);
+    drawn = true;
+  };
+  const RunReport report =
+      run_pipeline(options, config, plan, source, placement, files, printer, draw);
   files.commit();
   printer.summarize();
   print_summary(report, config, placement);
   if (interrupted())
     throw Failure(fmt::format("interrupted: the files hold the first {} of {} frames",
                               report.frames, source.frame_count()));
+  if (drawn) fmt::print("\n{}\n", frame_picture_legend(picture));
+  if (!drawn && picture.frame >= 0)
+    throw Failure(
+        fmt::format("--picture: there is no frame {}, only {}", picture.frame, report.frames));
   if (const std::string why = nothing_measured(report); !why.empty()) throw Failure(why);
 }
 
@@ -194,7 +220,11 @@ void replay(const ReplayOptions& options) {
 void add_replay(CLI::App& app) {
   auto options = std::make_shared<ReplayOptions>();
   CLI::App* command = app.add_subcommand("replay", "Run the pipeline over recordings");
-  command->add_option("recordings", options->recordings, "FITS files, in order")->required();
+  command
+      ->add_option(
+          "recordings", options->recordings,
+          "FITS, PNG, TIFF or npy files in order, directories of pictures, or patterns in quotes")
+      ->required();
   command->add_option("--sensor", options->sensor, "sensor file made by 'curlew calibrate'")
       ->required();
   command->add_option("--hdu", options->hdu,
@@ -209,6 +239,8 @@ void add_replay(CLI::App& app) {
       ->delimiter(',');
   command->add_option("--jsonl", options->jsonl,
                       "file to write with one JSON object a frame; - for standard output");
+  command->add_option("--picture", options->picture,
+                      "FRAME:FILE.png: PNG to draw a frame into, with its slopes and vortices");
   add_force_flag(*command, options->existing);
   options->pipeline.add_to(*command);
   command->add_option("--pace", options->pace_hz,

@@ -52,6 +52,7 @@ void print_report(const DaemonReport& report) {
                report.recorder.files, report.recorder.dropped);
   if (const std::string text = followed_text(report.results); !text.empty())
     fmt::print("{}\n", text);
+  for (const std::string& text : doubts(report.results)) fmt::print("{}\n", text);
   if (report.unwritten > 0) fmt::print("{} results not written as JSON\n", report.unwritten);
   fmt::print("\n{}", latency_table(report.results));
 }

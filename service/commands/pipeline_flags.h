@@ -24,7 +24,8 @@ struct PipelineFlags {
   void add_to(CLI::App& command);
 
   /// Reads the file and puts what the command line says over it. Throws UsageError as read_config()
-  /// does, and for a word that a setting does not know.
+  /// does, and for a word that a setting does not know and for settings
+  /// of [detect] without effect.
   Config configuration() const;
 };
 

@@ -44,9 +44,12 @@ void check_streams(const Config& config, const LensletGrid& old, const LensletGr
   if (config.publish.streams.empty() || (old.rows == fresh.rows && old.cols == fresh.cols)) return;
   throw Failure(
       fmt::format("the published streams are of {} x {} lenslets, and the sensor file has {} x {}; "
-                  "start curlew "
-                  "again for it",
+                  "start curlew again for it",
                   old.cols, old.rows, fresh.cols, fresh.rows));
+}
+
+void log_method(const MethodChoice& choice) {
+  if (const std::string line = method_line(choice); !line.empty()) spdlog::info("{}", line);
 }
 
 void log_recorder(const std::string& sentence) {
@@ -140,6 +143,7 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
   }
   lock.lock();
   std::int64_t made_from = -1;
+  MethodChoice choice;
   std::unique_ptr<Pipeline> pipeline;
   std::unique_ptr<StreamPublisher> streams;
   std::unique_ptr<Recorder> recorder;
@@ -149,6 +153,7 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
     const Sensor sensor = sensor_;
     lock.unlock();
     const auto plan = std::make_shared<const Plan>(sensor, format, config);
+    choice = plan->detect.choice();
     pipeline = std::make_unique<Pipeline>(plan, config.pipeline, placement_.thread_start(),
                                           connections_before);
     streams.reset();
@@ -165,6 +170,7 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
   recorder_ = std::move(recorder);
   format_ = format;
   if (recorder_) status_.recorder_began(*recorder_);
+  log_method(choice);
 }
 
 // The pipeline runs in a thread of its own, so that its CPU and priority do not pass on to threads
@@ -215,6 +221,7 @@ void DaemonPipeline::reload() {
       lock.lock();
     } while (format != format_);
     if (!format) plan.reset();
+    if (plan) log_method(plan->detect.choice());
     ++configurations_;
     config_ = std::move(config);
     sensor_ = std::move(sensor);

@@ -20,6 +20,8 @@ const char* name_of(DaemonState state) {
       return "streaming";
     case DaemonState::kDegraded:
       return "degraded";
+    case DaemonState::kNoLight:
+      return "no light";
     case DaemonState::kLost:
       return "lost";
     case DaemonState::kStopping:
@@ -123,12 +125,32 @@ void DaemonStatus::judge(const StatusSnapshot& now) {
   judged_superseded_ += superseded;
   const bool clean = dropped == 0 && superseded == 0 && now.window.late == 0;
   clean_seconds_ = clean ? clean_seconds_ + 1 : 0;
+  if (judge_light(now.window)) return;
   if (!clean && state_ == DaemonState::kStreaming)
     change_state(DaemonState::kDegraded,
                  fmt::format("{} frames lost or damaged, {} superseded, {} late in a second",
                              dropped, superseded, now.window.late));
-  else if (clean_seconds_ >= kCleanSecondsToRecover && state_ == DaemonState::kDegraded)
+  else if (clean_seconds_ >= kCleanSecondsToRecover && state_ == DaemonState::kDegraded &&
+           (now.window.frames == 0 || now.window.measured > 0))
     change_state(DaemonState::kStreaming, "");
+}
+
+bool DaemonStatus::judge_light(const StatusWindow& window) {
+  if (window.frames == 0) return false;
+  const bool results_go_out = state_ == DaemonState::kStreaming ||
+                              state_ == DaemonState::kDegraded || state_ == DaemonState::kNoLight;
+  if (!results_go_out) return false;
+  if (window.dark == window.frames) {
+    change_state(DaemonState::kNoLight, "nothing is measured, because no lenslet has light");
+    return true;
+  }
+  if (window.measured == 0) {
+    change_state(DaemonState::kDegraded,
+                 "nothing is measured, because no lenslet has a spot that counts");
+    return true;
+  }
+  if (state_ == DaemonState::kNoLight) change_state(DaemonState::kStreaming, "");
+  return false;
 }
 
 }  // namespace curlew

@@ -17,13 +17,14 @@
 
 namespace curlew {
 
-/// The daemon goes searching → opening → streaming ⇄ degraded → lost → searching, and from each of
-/// these to stopping.
+/// The daemon goes searching → opening → streaming ⇄ degraded → lost → searching, from streaming
+/// and degraded to no light and back, and from each of these to stopping.
 enum class DaemonState {
   kSearching,  ///< There is no camera; the daemon looks for one.
   kOpening,    ///< The daemon talks to the camera.
   kStreaming,  ///< Frames come and results go out.
   kDegraded,   ///< Results go out, but in the last seconds some frames were lost or late.
+  kNoLight,    ///< Frames come, but none of the last second had any light.
   kLost,       ///< The camera is gone or silent.
   kStopping,   ///< The daemon completes its files and ends.
 };
@@ -91,6 +92,8 @@ class DaemonStatus {
   StatusSnapshot read() const;
   void change_state(DaemonState state, const std::string& reason);
   void judge(const StatusSnapshot& now);
+  /// Returns whether the state follows from how much light there was in the last second.
+  bool judge_light(const StatusWindow& window);
 
   LiveStatistics statistics_;
   LiveMetrics metrics_;

@@ -2,6 +2,7 @@
 // thread shows it.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 
@@ -17,6 +18,10 @@ struct StatusWindow {
   std::int64_t frames = 0;
   std::int64_t vortices_now = 0;  ///< It counts the vortices of the last frame.
   std::int64_t late = 0;          ///< It counts the frames that missed the deadline.
+  std::int64_t measured = 0;      ///< It counts the frames with a slope.
+  std::int64_t dark = 0;          ///< It counts the frames without light.
+  std::int64_t valid_now = 0;     ///< It counts the lenslets of the last frame with a slope,
+  std::int64_t lost_now = 0;      ///< and those without a spot of their own.
   double seconds = 0.0;
   std::int64_t p50_ns = 0;
   std::int64_t p99_ns = 0;
@@ -33,6 +38,10 @@ class LiveStatistics {
   void add(const FrameSlot& slot) noexcept {
     ++current_.frames;
     current_.vortices_now = static_cast<std::int64_t>(slot.vortices.size());
+    current_.measured += slot.slopes.n_valid > 0 ? 1 : 0;
+    current_.dark += is_dark(slot) ? 1 : 0;
+    current_.valid_now = slot.slopes.n_valid;
+    current_.lost_now = slot.centroids.n_lost;
     current_.late += (slot.frame->header.status & kFrameLate) != 0 ? 1 : 0;
     latency_.record(slot.latency.total_ns);
     const auto now = std::chrono::steady_clock::now();
@@ -67,6 +76,16 @@ class LiveStatistics {
   }
 
  private:
+  /// Without a follower, no light is no lenslet that is more than faint.
+  static bool is_dark(const FrameSlot& slot) noexcept {
+    if (slot.follower != nullptr && slot.follow_state == FollowState::kNoLight) return true;
+    return slot.slopes.n_valid == 0 &&
+           std::all_of(slot.centroids.state.begin(), slot.centroids.state.end(),
+                       [](LensletState state) {
+                         return state == LensletState::kFaint || state == LensletState::kUnlit;
+                       });
+  }
+
   SideQueue<StatusWindow> windows_;
   StatusWindow current_;
   LatencyHistogram latency_;

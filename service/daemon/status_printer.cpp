@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <nlohmann/json.hpp>
@@ -14,6 +15,12 @@ namespace {
 constexpr int kSecondsALogLine = 10;
 
 double microseconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-3; }
+
+/// Returns the text without blanks, which part fields.
+std::string one_word(std::string text) {
+  std::replace(text.begin(), text.end(), ' ', '_');
+  return text;
+}
 
 /// Returns how many frames each cause has kept from becoming a result or from being recorded.
 std::array<std::pair<const char*, std::int64_t>, 9> causes(const StatusSnapshot& status) {
@@ -39,6 +46,7 @@ std::string status_line(const StatusSnapshot& status) {
     line += fmt::format("  p50 {:.0f} p99 {:.0f} max {:.0f} µs  vortices {}",
                         microseconds(window.p50_ns), microseconds(window.p99_ns),
                         microseconds(window.max_ns), window.vortices_now);
+  if (window.lost_now > 0) line += fmt::format("  lenslets lost {}", window.lost_now);
   if (window.late > 0) line += fmt::format("  late {}", window.late);
   for (const auto& [name, count] : causes(status))
     if (count > 0) line += fmt::format("  {} {}", name, count);
@@ -53,9 +61,10 @@ std::string status_fields(const StatusSnapshot& status) {
   const StatusWindow& window = status.window;
   std::string line = fmt::format(
       "state={} results={} frames_per_s={:.1f} p50_us={:.1f} p99_us={:.1f} max_us={:.1f} "
-      "vortices={} late={}",
-      name_of(status.state), status.results, window.frames_per_s(), microseconds(window.p50_ns),
-      microseconds(window.p99_ns), microseconds(window.max_ns), window.vortices_now, window.late);
+      "valid={} lenslets_lost={} vortices={} late={}",
+      one_word(name_of(status.state)), status.results, window.frames_per_s(),
+      microseconds(window.p50_ns), microseconds(window.p99_ns), microseconds(window.max_ns),
+      window.valid_now, window.lost_now, window.vortices_now, window.late);
   for (const auto& [name, count] : causes(status)) line += fmt::format(" {}={}", name, count);
   if (status.recording)
     line += fmt::format(" recorded={} recording_stopped={}", status.counts.recorder.recorded,
@@ -69,6 +78,8 @@ std::string status_json(const StatusSnapshot& status) {
   json["state"] = name_of(status.state);
   json["reason"] = status.reason;
   json["results"] = status.results;
+  json["n_valid"] = status.window.valid_now;
+  json["n_lost"] = status.window.lost_now;
   json["delivered"] = counts.frames.delivered;
   json["superseded"] = counts.superseded;
   json["lost"] = counts.frames.lost;

@@ -22,6 +22,8 @@ struct FrameResult {
     latency = slot.latency;
     grid = slot.plan->grid;
     n_valid = slot.slopes.n_valid;
+    n_lost = slot.centroids.n_lost;
+    n_islands = slot.split.n_islands;
     vortices.assign(slot.vortices);
     dropped = frames_dropped;
   }
@@ -30,7 +32,9 @@ struct FrameResult {
   FrameHeader header;
   FrameLatency latency;
   LensletGrid grid;
-  int n_valid = 0;  ///< lenslets with a slope
+  int n_valid = 0;    ///< lenslets with a slope
+  int n_lost = 0;     ///< lenslets without a spot of their own
+  int n_islands = 0;  ///< parts of the phase that are not connected
   VortexList vortices;
   std::int64_t dropped = 0;  ///< frames lost so far
 };

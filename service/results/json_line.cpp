@@ -32,6 +32,8 @@ void append_json_line(const FrameResult& result, std::string& text) {
   line["dropped"] = result.dropped;
   line["status"] = header.status;
   line["n_valid"] = result.n_valid;
+  line["n_lost"] = result.n_lost;
+  line["n_islands"] = result.n_islands;
   auto& vortices = line["vortices"] = nlohmann::ordered_json::array();
   for (const Vortex& v : result.vortices) {
     const auto pixel =

@@ -40,6 +40,9 @@ std::vector<float> phase_plane(const FrameSlot& slot) {
 std::vector<float> whole_phase_plane(const FrameSlot& slot) {
   return lenslet_planes(slot, {&slot.whole_phase});
 }
+std::vector<float> island_plane(const FrameSlot& slot) {
+  return {slot.split.island.begin(), slot.split.island.end()};
+}
 std::vector<float> flux_plane(const FrameSlot& slot) {
   std::vector<float> plane;
   append_masked(plane, slot.centroids.flux_adu,
@@ -106,7 +109,9 @@ ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOp
                               {"STATUS", 'J', ""},
                               {"N_VALID", 'J', ""},
                               {"N_VORTICES", 'J', ""},
-                              {"OVERFLOW", 'J', ""}}),
+                              {"OVERFLOW", 'J', ""},
+                              {"N_LOST", 'J', ""},
+                              {"N_ISLANDS", 'J', ""}}),
       vortex_table_("VORTICES", {{"FRAME", 'K', ""},
                                  {"X", 'D', ""},
                                  {"Y", 'D', ""},
@@ -137,18 +142,20 @@ ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOp
   Provenance provenance = provenance_of(plan.config);
   provenance.sensor_hash = plan.sensor_hash;
   write_provenance(file_, provenance);
+  file_.write_key("METHOD", name_of(plan.detect.choice().method), "how vortices were found");
   file_.write_key("DATE-OBS", std::string(), "UTC of the first frame");  // in advance, see commit()
   const auto add_cube = [&](bool wanted, const std::string& name, const std::string& unit,
                             const std::vector<std::int64_t>& plane_shape,
-                            std::vector<float> (*plane)(const FrameSlot&)) {
+                            std::vector<float> (*plane_of)(const FrameSlot&),
+                            ElementType element = ElementType::kF32) {
     if (!wanted) return;
-    Cube cube{static_cast<int>(cubes_.size()) + 1, 1, std::max<std::int64_t>(frames, 0), plane};
+    Cube cube{static_cast<int>(cubes_.size()) + 1, 1, std::max<std::int64_t>(frames, 0), plane_of};
     std::vector<std::int64_t> shape{cube.planes};
     for (const std::int64_t n : plane_shape) {
       cube.plane_elements *= n;
       shape.push_back(n);
     }
-    file_.create_image(ElementType::kF32, shape, name, unit);
+    file_.create_image(element, shape, name, unit);
     cubes_.push_back(cube);
   };
   const int rows = grid_.rows;
@@ -157,6 +164,8 @@ ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOp
   add_cube(save.flux, "FLUX", "adu", {rows, cols}, flux_plane);
   add_cube(save.phase, "PHASE", "rad", {rows, cols}, phase_plane);
   add_cube(save.whole_phase, "WHOLE_PHASE", "rad", {rows, cols}, whole_phase_plane);
+  add_cube(save.phase || save.whole_phase, "ISLAND", "", {rows, cols}, island_plane,
+           ElementType::kI32);
   add_cube(save.solenoidal, "SOLENOIDAL", "rad", {2, rows, cols}, solenoidal_plane);
   if (save.zernike) modes_ = std::make_unique<ModeResults>(plan);
   add_cube(save.circulation, "CIRCULATION", "rad", {rows - 1, cols - 1}, circulation_plane);
@@ -173,7 +182,8 @@ void ResultsFile::add(const FrameSlot& slot) {
   const FrameHeader& header = slot.frame->header;
   if (frames_++ == 0) observed_ns_ = header.received_ns;
   frame_table_.append(frame, header.sequence, header.camera_ns, header.received_ns, header.status,
-                      slot.slopes.n_valid, slot.vortices.size(), slot.vortices.overflow());
+                      slot.slopes.n_valid, slot.vortices.size(), slot.vortices.overflow(),
+                      slot.centroids.n_lost, slot.split.n_islands);
   for (const Vortex& v : slot.vortices) {
     const auto pixel = grid_.pixel_from_lenslet(static_cast<double>(v.x), static_cast<double>(v.y));
     vortex_table_.append(frame, v.x, v.y, v.charge, v.circulation, v.significance, pixel[0],

@@ -15,10 +15,10 @@ namespace curlew {
 /// unless they belong to a close pair, because those are not required.
 class VortexPrinter {
  public:
-  VortexPrinter(const Truth& truth, const Config& config, std::int64_t show)
+  VortexPrinter(const Truth& truth, const Plan& plan, std::int64_t show)
       : truth_(truth),
-        show_probability_(config.detect.method != DetectMethod::kCirculation),
-        show_track_(config.track.enabled),
+        show_probability_(plan.detect.choice().method != DetectMethod::kCirculation),
+        show_track_(plan.tracker.has_value()),
         show_(show) {}
 
   void add(const FrameSlot& slot);

@@ -60,6 +60,8 @@ void write_keys(FitsFile& file, const Sensor& sensor) {
   file.write_key("NX", std::int64_t{sensor.frame_cols}, "detector columns");
   file.write_key("NY", std::int64_t{sensor.frame_rows}, "detector rows");
   write_grid(file, sensor.grid);
+  if (sensor.pixel_bits != 0)
+    file.write_key("PIXBITS", std::int64_t{sensor.pixel_bits}, "bits of a pixel in the reference");
   file.write_key("RESIDUAL", sensor.residual_px, "rms of the spots from the grid", "pix");
   file.write_key("BACKGRND", sensor.background_adu, "subtracted where there is no dark", "adu");
   if (std::isfinite(sensor.spot_sigma_px))
@@ -172,6 +174,7 @@ void read_keys(FitsFile& file, Sensor& sensor) {
                  required(file, "P12"),
                  required(file, "P21"),
                  required(file, "P22")};
+  sensor.pixel_bits = static_cast<int>(file.key_double("PIXBITS").value_or(0.0));
   sensor.residual_px = file.key_double("RESIDUAL").value_or(0.0);
   sensor.background_adu = file.key_double("BACKGRND").value_or(0.0);
   const std::string layout = file.key_string("LAYOUT").value_or("SQUARE");

@@ -7,6 +7,7 @@
 
 #include "centroiding/calibration/optics_check.h"
 #include "centroiding/calibration/spot_picture.h"
+#include "service/method_choice.h"
 
 namespace curlew {
 namespace {
@@ -63,15 +64,16 @@ std::string describe_detector(const Sensor& sensor) {
 }
 
 std::string describe_methods(const Sensor& sensor) {
-  // These are the limits of the classifier (vortex_detection.cpp).
-  constexpr double kMaxBlur = 0.3;  // λ/w
-  constexpr double kMaxRotationDeg = 5.0;
-  const std::string both = "methods: circulation and whitened suit; the classifier ";
-  if (sensor.spot_blur_px > kMaxBlur * diffraction_px(sensor.optics, sensor.grid.pitch_px()))
-    return both + "was not taught spots so blurred";
-  if (std::abs(sensor.grid.rotation_deg()) > kMaxRotationDeg)
-    return both + "knows no lenslets turned so far";
-  return "methods: circulation, whitened and classifier suit spots like these";
+  std::string suit;
+  std::string others;
+  for (const DetectMethod method :
+       {DetectMethod::kCirculation, DetectMethod::kWhitened, DetectMethod::kClassifier}) {
+    if (const auto objection = objection_to(method, sensor))
+      others += "; not " + name_of(method) + ": " + objection->reason;
+    else
+      suit += (suit.empty() ? "" : ", ") + name_of(method);
+  }
+  return "methods that suit these spots: " + suit + others;
 }
 
 }  // namespace

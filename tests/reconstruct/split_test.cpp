@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
 
@@ -332,6 +334,35 @@ TEST(Split, TiltDoesNotLeak) {
     if (mask[k] != 0) slopes.x[k] = 100.0F;
   const HodgeSplit split = split_of(mask, slopes);
   for (const float v : split.solenoidal_x) EXPECT_NEAR(v, 0.0F, 1e-5F);
+}
+
+// Lenslets of one row cut a square pupil in two, and a lone one hangs on nothing.
+TEST(Split, IslandsAreNumberedByTheirSizes) {
+  const Mask pupil = square_pupil(9);
+  const SplitPlan plan(pupil, {});
+  SplitWorkspace workspace(plan);
+  HodgeSplit split(9, 9);
+  std::mt19937 random(5);
+  SlopeField slopes = random_slopes(pupil, random);
+  split_slopes(plan, slopes, workspace, split);
+  EXPECT_EQ(split.n_islands, 1);
+  EXPECT_EQ(split.n_large_islands, 1);
+  EXPECT_EQ(*std::max_element(split.island.begin(), split.island.end()), 0);
+  for (int c = 0; c < 9; ++c) slopes.valid(3, c) = 0;  // 3 rows above, 5 below
+  for (int r = 0; r < 2; ++r) slopes.valid(r, 1) = 0;  // (0, 0) and (1, 0) hang on (2, 0)
+  slopes.valid(2, 0) = slopes.valid(2, 1) = 0;         // and now they are alone
+  split_slopes(plan, slopes, workspace, split);
+  EXPECT_EQ(split.n_islands, 3);
+  EXPECT_EQ(split.n_large_islands, 2);
+  EXPECT_EQ(split.island(8, 8), 0);
+  EXPECT_EQ(split.island(0, 8), 1);
+  EXPECT_EQ(split.island(0, 0), 2);
+  EXPECT_EQ(split.island(3, 4), HodgeSplit::kNoIsland);
+  std::array<double, 3> sum{};
+  for (std::size_t k = 0; k < split.island.size(); ++k)
+    if (split.island[k] >= 0)
+      sum[static_cast<std::size_t>(split.island[k])] += static_cast<double>(split.phase[k]);
+  for (const double s : sum) EXPECT_NEAR(s, 0.0, 1e-3);
 }
 
 }  // namespace

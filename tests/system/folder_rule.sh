@@ -37,6 +37,8 @@ library() { # library <name> <header> <room>
       grep -vE "^acquisition/$3/([a-z_]+\.cpp|$3_handle\.h):" || true)"
 }
 library cfitsio 'fitsio' fits
+library libpng 'png\.h' pictures
+library libtiff 'tiffio' pictures
 library Aravis 'arv\.h' aravis
 library libusb 'libusb' usb
 report 'spdlog in service/ and acquisition/**.cpp only' \

@@ -40,6 +40,8 @@ plant core/image.h '#include <spdlog/spdlog.h>' 'core/ includes std, Eigen and t
 plant service/feed.cpp '#include <concurrentqueue/concurrentqueue.h>' 'the moodycamel queue'
 plant acquisition/recording/fits_cube.cpp '#include <fitsio.h>' 'cfitsio in acquisition/fits/'
 plant acquisition/fits/fits_file.h '#include <fitsio.h>' 'cfitsio in acquisition/fits/'
+plant acquisition/recording/fits_cube.cpp '#include <png.h>' 'libpng in acquisition/pictures/'
+plant service/picture/canvas.cpp '#include <tiffio.h>' 'libtiff in acquisition/pictures/'
 plant acquisition/usb/usb_camera.cpp '#include <arv.h>' 'Aravis in acquisition/aravis/'
 plant service/doctor/machine_links.cpp '#include <libusb-1.0/libusb.h>' 'libusb in acquisition/usb/'
 plant detect/circulation.cpp '#include <spdlog/spdlog.h>' 'spdlog in service/'

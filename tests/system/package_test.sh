@@ -60,7 +60,7 @@ before=$(traces)
 echo "== $deb, $(stat -c %s "$deb") bytes, unpacked $(dpkg-deb -f "$deb" Installed-Size) kB"
 dpkg-deb -f "$deb" Depends
 [[ $(dpkg-deb -f "$deb" Depends) != *-dev* ]] || fail "it needs headers"
-for library in libaravis libusb libcfitsio libsystemd; do
+for library in libaravis libusb libcfitsio libpng libtiff libsystemd; do
   [[ $(dpkg-deb -f "$deb" Depends) == *$library* ]] || fail "it does not say it needs $library"
 done
 dpkg-deb -c "$deb" | awk '$1 !~ /^d/ {print $2, $6}' | sort -k2 >/tmp/content

@@ -1,0 +1,142 @@
+#include "service/method_choice.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/error.h"
+#include "service/setting_words.h"
+
+namespace curlew {
+namespace {
+
+/// Returns what speaks against the network, which was trained on sharp spots along the detector's
+/// axes, of two pixels a λ/w or more.
+std::optional<Objection> objection_to_classifier(const Sensor& sensor) {
+  constexpr double kMaxRotation_deg = 5.0;
+  constexpr double kMaxBlur = 0.3;      // λ/w
+  constexpr double kMinSampling = 1.9;  // px a λ/w
+  constexpr double kMaxSampling = 200.0;
+  if (std::abs(sensor.grid.rotation_deg()) > kMaxRotation_deg) {
+    return Objection{
+        fmt::format("the lenslets are turned by {:.1f} degrees against the detector, and the "
+                    "classifier knows up to {}",
+                    sensor.grid.rotation_deg(), kMaxRotation_deg),
+        "turn the camera, or take another method in [detect]"};
+  }
+  const double pixels_per_lambda_w =
+      2.0 * std::numbers::pi / std::abs(sensor.optics.slope_rad_per_px());
+  if (!(pixels_per_lambda_w < kMaxSampling)) {
+    return Objection{fmt::format("lambda/w covers {:.1f} pixels", pixels_per_lambda_w),
+                     "check the optics given to 'curlew calibrate'", false};
+  }
+  const double blur = sensor.spot_blur_px / pixels_per_lambda_w;
+  if (blur > kMaxBlur) {
+    return Objection{
+        fmt::format("the reference spots are blurred: by a Gaussian of {:.2f} lambda/w rms beyond "
+                    "diffraction, and the classifier knows up to {}",
+                    blur, kMaxBlur),
+        "take the method whitened in [detect], or check the optics given to 'curlew calibrate'"};
+  }
+  if (pixels_per_lambda_w < kMinSampling) {
+    return Objection{fmt::format("the pixels are coarse, {:.2f} a lambda/w, and the classifier "
+                                 "was taught 2",
+                                 pixels_per_lambda_w),
+                     "take the method whitened in [detect]", false};
+  }
+  return std::nullopt;
+}
+
+/// The network takes level and places of the spots from the sensor file. Only frames of which the
+/// configuration says that neither moves are like that.
+bool frames_are_as_calibrated(const Config& config) {
+  return !config.centroid.follow_level && !config.centroid.follow_windows;
+}
+
+bool states_false_alarms(const DetectSettings& detect) {
+  return detect.false_alarms_per_frame != DetectSettings{}.false_alarms_per_frame;
+}
+
+MethodChoice choose_best(const Sensor& sensor, const Config& config) {
+  const DetectSettings defaults;
+  if (config.detect.min_circulation_rad != defaults.min_circulation_rad ||
+      config.detect.lobe_fraction != defaults.lobe_fraction) {
+    return {DetectMethod::kCirculation,
+            "[detect] min_circulation_rad and lobe_fraction act on it alone"};
+  }
+  if (const auto objection = objection_to(DetectMethod::kWhitened, sensor))
+    return {DetectMethod::kCirculation, objection->reason};
+  const std::string finds = "it finds more than circulation, with fewer false alarms";
+  if (const auto objection = objection_to(DetectMethod::kClassifier, sensor))
+    return {DetectMethod::kWhitened, finds + "; " + objection->reason};
+  if (!frames_are_as_calibrated(config)) {
+    return {DetectMethod::kWhitened,
+            finds +
+                "; the classifier would need level and spots as they were calibrated, and "
+                "here they are followed"};
+  }
+  if (states_false_alarms(config.detect))
+    return {DetectMethod::kWhitened, finds + "; the classifier minds no rate of false alarms"};
+  return {DetectMethod::kClassifier,
+          "the spots suit it, and level and windows stay as they were calibrated"};
+}
+
+}  // namespace
+
+std::optional<Objection> objection_to(DetectMethod method, const Sensor& sensor) {
+  constexpr int kWhitenedLenslets = 4;
+  if (method == DetectMethod::kClassifier) return objection_to_classifier(sensor);
+  if (method == DetectMethod::kWhitened &&
+      std::min(sensor.grid.rows, sensor.grid.cols) < kWhitenedLenslets) {
+    return Objection{fmt::format("{} x {} lenslets have no 3 x 3 cells, at which whitened looks",
+                                 sensor.grid.cols, sensor.grid.rows),
+                     "take the method circulation in [detect]", false};
+  }
+  return std::nullopt;
+}
+
+MethodChoice choose_method(const Sensor& sensor, const Config& config) {
+  const DetectMethod method = config.detect.method;
+  if (method == DetectMethod::kAuto) return choose_best(sensor, config);
+  const auto objection = objection_to(method, sensor);
+  if (objection && objection->refused)
+    throw UsageError(objection->reason + "; " + objection->remedy);
+  return {method, {}};
+}
+
+std::string method_line(const MethodChoice& choice) {
+  if (choice.why.empty()) return {};
+  return "method " + name_of(choice.method) + ", chosen by auto: " + choice.why;
+}
+
+void refuse_settings_without_effect(const Config& config) {
+  const DetectSettings& detect = config.detect;
+  const DetectSettings defaults;
+  const auto refuse = [&](const std::string& setting, const std::string& acts_on) {
+    throw UsageError(setting + " has no effect on the method " + name_of(detect.method) +
+                     ": it acts on " + acts_on + "; leave it out, or take another --method");
+  };
+  if (detect.method == DetectMethod::kAuto) return;
+  if (detect.method == DetectMethod::kClassifier && states_false_alarms(detect))
+    refuse("a rate of false alarms (--false-alarms, [detect] false_alarms_per_frame)",
+           "circulation and whitened");
+  if (detect.method == DetectMethod::kCirculation) {
+    if (detect.min_probability != defaults.min_probability)
+      refuse("[detect] min_probability", "whitened and the classifier");
+    return;
+  }
+  if (detect.min_circulation_rad != defaults.min_circulation_rad)
+    refuse("[detect] min_circulation_rad", "circulation");
+  if (detect.lobe_fraction != defaults.lobe_fraction)
+    refuse("[detect] lobe_fraction", "circulation");
+}
+
+std::string name_of(DetectMethod method) {
+  for (const auto& word : kDetectMethodWords)
+    if (word.value == method) return std::string(word.text);
+  return {};
+}
+
+}  // namespace curlew
