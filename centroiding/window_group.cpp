@@ -1,7 +1,6 @@
 #include "centroiding/window_group.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
 
 #include "centroiding/frame_level.h"
@@ -121,11 +120,8 @@ void adopt_position(const CentroidPlan& plan, const FrameConditions& conditions,
   } else if (!(x >= spot.min_x && x <= spot.max_x && y >= spot.min_y && y <= spot.max_y)) {
     state = LensletState::kAtEdge;
   }
-  const bool is_finite = std::isfinite(x + y + signal + found.flux[lane] + found.variance_x[lane] +
-                                       found.variance_y[lane] + found.covariance[lane]);
-  if (!is_finite) state = LensletState::kFaint;
   out.n_valid += (state == LensletState::kValid ? 1 : 0) - (was_valid ? 1 : 0);
-  if (!is_finite || !(signal > 0.0F)) return clear_spot(out, k, state);
+  if (!(signal > 0.0F)) return clear_spot(out, k, state);
   if (!(out.flux_adu[k] > 0.0F)) out.flux_adu[k] = found.flux[lane] * plan.adu_per_count;
   if (!was_valid) {
     out.xx_px2[k] = out.yy_px2[k] = plan.spot_sigma_px * plan.spot_sigma_px;

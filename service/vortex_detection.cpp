@@ -39,21 +39,6 @@ VortexDetectionWorkspace::VortexDetectionWorkspace(const VortexDetectionPlan& pl
   if (plan.classifier()) classifier.emplace(*plan.classifier());
 }
 
-namespace {
-
-/// Nothing that is not finite is published, whatever the numbers of a frame were. What is left out
-/// counts as overflow.
-void leave_out_not_finite(VortexList& candidates) noexcept {
-  std::size_t kept = 0;
-  for (const Vortex& v : candidates)
-    if (std::isfinite(v.x + v.y + v.circulation + v.significance + v.probability))
-      candidates[kept++] = v;
-  candidates.add_overflow(static_cast<int>(candidates.size() - kept));
-  candidates.shorten(kept);
-}
-
-}  // namespace
-
 void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const Centroids& centroids,
                        const SlopeField& slopes, VortexDetectionWorkspace& workspace,
                        CirculationMap& circulation, VortexList& candidates) noexcept {
@@ -71,7 +56,6 @@ void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const C
   } else {
     find_circulation_vortices(plan.circulation(), circulation, candidates);
   }
-  leave_out_not_finite(candidates);
 }
 
 void choose_probable(const VortexDetectionPlan& plan, const VortexList& candidates,

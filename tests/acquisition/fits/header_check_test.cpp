@@ -174,6 +174,15 @@ TEST(HeaderCheck, CompressedImagesHaveTilesByWhichOneCanDivide) {
     EXPECT_NE(fault_of(with(kCompressed, key, value)), "") << key << " " << value;
 }
 
+TEST(HeaderCheck, ATileIsNotLargerThanWhatCanBeUnpacked) {
+  Cards cards = kCompressed;
+  for (const char* key : {"ZNAXIS2", "ZNAXIS3"}) cards = with(cards, key, "1");
+  for (const char* key : {"ZNAXIS1", "ZTILE1"}) cards = with(cards, key, "100000000");
+  EXPECT_EQ(fault_of(cards), "");
+  for (const char* key : {"ZNAXIS1", "ZTILE1"}) cards = with(cards, key, "2000000000");
+  EXPECT_NE(fault_of(cards).find("tiles"), std::string::npos);
+}
+
 TEST(HeaderCheck, TextOfAFileReachesNoTerminal) {
   const std::string fault = fault_of(with(kImage, "NAXIS1", "\x1b[31m\a"));
   EXPECT_EQ(fault.find_first_of("\x1b\a"), std::string::npos) << fault;

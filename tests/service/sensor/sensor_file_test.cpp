@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -104,8 +105,10 @@ TEST_F(SensorFile, WhatItWouldTakeOfMemoryIsSaidBefore) {
 TEST_F(SensorFile, CentroidsAreFiniteWhateverTheMapsHold) {
   Sensor sensor = tiled_sensor(kCase);
   add_maps(sensor, 1);
-  for (std::size_t i = 0; i < sensor.flat.size(); i += 37) sensor.flat[i] = 1e-38F;
-  for (std::size_t i = 5; i < sensor.flat.size(); i += 41) sensor.dark_adu[i] = -3e38F;
+  sensor.detector.saturation_adu = std::numeric_limits<double>::quiet_NaN();
+  constexpr std::array<float, 4> kResponses{1e-38F, 1e-30F, 1e-20F, 1e30F};
+  for (std::size_t i = 0; i < sensor.flat.size(); i += 37)
+    sensor.flat[i] = kResponses[i % kResponses.size()];
   const BenchFrame frame = make_bench_frame(kCase, BenchSlopes::kSmooth, 1);
   for (const CentroidMethod method :
        {CentroidMethod::kPlain, CentroidMethod::kThresholded, CentroidMethod::kMaximumLikelihood}) {
