@@ -49,7 +49,10 @@ bool GrowingLines::write(std::string_view lines) {
                          (options_.max_s > 0.0 && age.count() >= options_.max_s);
     const bool is_there = still_there();
     if (is_there && is_full) put_aside();
-    if (is_full || !is_there) close(std::exchange(fd_, -1));
+    if (is_full || !is_there) {
+      close(std::exchange(fd_, -1));
+      next_attempt_ = {};  // It is no trouble that would have to be waited for.
+    }
   }
   if (fd_ < 0 && (Clock::now() < next_attempt_ || !open())) return false;
   if (!is_stream_) return write_file(lines);

@@ -136,6 +136,9 @@ class ForgedPackets : public ServedCamera {
     camera_->start(*exchange_);
     ASSERT_TRUE(taker_->take(3));
   }
+  void TearDown() override {
+    if (camera_) camera_->stop();
+  }
   /// Expects that every frame since the start came, showed what the camera sent, and was numbered
   /// as the camera did.
   void expect_only_the_cameras_frames() {
