@@ -24,7 +24,7 @@ std::string format_of(const RecordField& field) {
     case RecordKind::kReal:
       return "D";
     case RecordKind::kList:
-      return "QD";
+      return "QD(0)";  // cfitsio counts the longest list when it closes the file
   }
   return "D";
 }

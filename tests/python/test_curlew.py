@@ -169,6 +169,8 @@ class Telemetry(Folder):
                              ["2.0.0", "UTC", "SCAO"])
             for name in self.MANDATORY:
                 self.assertEqual(file[name].columns[0].name, "UID", name)
+                for column in file[name].columns:
+                    self.assertRegex(column.format, r"^(\d*A|D|K|QD\(\d+\))$", column.name)
             for name in ("AOT_ATMOSPHERIC_PARAMETERS", "AOT_ABERRATIONS", "AOT_SCORING_CAMERAS",
                          "AOT_WAVEFRONT_CORRECTORS", "AOT_LOOPS"):
                 self.assertEqual(file[name].header["NAXIS2"], 0, name)
