@@ -131,7 +131,7 @@ CentroidTimes time_all(const std::vector<std::function<void()>>& things, int rou
   for (const std::function<void()>& thing : things)
     runs.push_back({prepare ? prepare : thing, thing});
   const std::vector<RoundTimes> times = time_in_turn(runs, rounds);
-  return {times[0], times[1], times[2], times[3], times[4], times[5], times[6], times[7]};
+  return {times[0], times[1], times[2], times[3], times[4], times[5], times[6], times[7], times[8]};
 }
 
 template <typename Pixel>
@@ -147,7 +147,8 @@ CentroidBenchmark time_pixels(const BenchCase& which, PixelType pixel_type, int 
   const Plan plan(sensor, format, config);
   const CentroidPlan tilted_plan(tilted(sensor, 1.0), format, config.centroid);
   WindowFollower follower(*plan.follower);
-  FrameSlot slot(plan, &follower);
+  FrameSlot slot(plan);
+  FrameSlot following(plan, &follower);
   const PlainMaps maps(sensor, format, kBenchThresholdAdu);
   Centroids centroids(which.rows, which.cols);
   PlainLoops<Pixel> plain(which, frames, maps);
@@ -167,6 +168,10 @@ CentroidBenchmark time_pixels(const BenchCase& which, PixelType pixel_type, int 
       [&] {
         slot.frame = &frames.current();
         kStages.front().run(plan, slot);
+      },
+      [&] {
+        following.frame = &frames.current();
+        kStages.front().run(plan, following);
       },
       [&] { find_centroids(plan.centroid, frames.current().view(), centroids); },
       [&] {

@@ -27,8 +27,10 @@ struct PlainMaps {
 
 /// Says how long one frame takes.
 struct CentroidTimes {
-  /// The stage as the pipeline runs it by default: level, sharp pixels, windows that follow.
-  RoundTimes curlew;
+  RoundTimes curlew;  ///< the stage with windows that stay: level, sharp pixels and kernel
+  /// The stage as the pipeline runs it by default, with windows that follow. The frames' spots are
+  /// displaced at random, so that many windows are centred on theirs and measured again.
+  RoundTimes following;
   /// find_centroids() alone, at the calibration's level: dark, flat, bad pixels, threshold, moments
   /// to second order and variances.
   RoundTimes kernel;

@@ -34,6 +34,7 @@ double ratio(const RoundTimes& a, const RoundTimes& b) { return a.median_us / b.
 
 nlohmann::ordered_json json_of(const CentroidTimes& times) {
   return {{"curlew", times_json(times.curlew)},
+          {"following", times_json(times.following)},
           {"kernel", times_json(times.kernel)},
           {"kernel_by_windows", times_json(times.kernel_by_windows)},
           {"kernel_tilted", times_json(times.kernel_tilted)},
@@ -88,6 +89,7 @@ std::string table(const CentroidBenchmark& result) {
                         a.median_us, a.p10_us, a.p90_us, b.median_us, b.p10_us, b.p90_us);
   };
   add("curlew", &CentroidTimes::curlew);
+  add("curlew, windows follow", &CentroidTimes::following);
   add("kernel alone", &CentroidTimes::kernel);
   add("kernel, window by window", &CentroidTimes::kernel_by_windows);
   add("kernel, tilted by 1 degree", &CentroidTimes::kernel_tilted);
@@ -154,7 +156,8 @@ void bench_centroid(const CentroidBenchOptions& options) {
   }
   fmt::print("{}{} rounds{}\n{}", machine_text(), rounds,
              options.methods ? ""
-                             : ". curlew: the whole stage; plain C: flux and first moments only, "
+                             : ". curlew: the whole stage with windows that stay; plain C: flux "
+                               "and first moments only, "
                                "by windows or, which windows in a grid allow, by whole rows",
              text);
 }

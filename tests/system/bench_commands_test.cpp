@@ -51,8 +51,9 @@ TEST(BenchCommands, Centroid) {
     for (const char* loop : {"plain_windows", "plain_rows", "read"})
       EXPECT_TRUE(entry["build"][loop].is_string()) << loop;
     for (const char* memory : {"warm", "cold"}) {
-      for (const char* name : {"curlew", "kernel", "kernel_by_windows", "kernel_tilted",
-                               "kernel_without_maps", "plain_windows", "plain_rows", "read"})
+      for (const char* name :
+           {"curlew", "following", "kernel", "kernel_by_windows", "kernel_tilted",
+            "kernel_without_maps", "plain_windows", "plain_rows", "read"})
         expect_times(entry[memory], name);
       for (const char* name :
            {"curlew_over_plain_windows", "curlew_over_plain_rows", "curlew_over_read",

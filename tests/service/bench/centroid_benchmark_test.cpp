@@ -112,7 +112,7 @@ TEST(CentroidBenchmark, NamesWhatItTimed) {
   EXPECT_TRUE(can_run(result.rows_build));
   for (const CentroidTimes& times : {result.warm, result.cold})
     for (const RoundTimes& t :
-         {times.curlew, times.kernel, times.kernel_by_windows, times.kernel_tilted,
+         {times.curlew, times.following, times.kernel, times.kernel_by_windows, times.kernel_tilted,
           times.kernel_without_maps, times.plain_windows, times.plain_rows, times.read})
       EXPECT_GT(t.median_us, 0.0);
 }
