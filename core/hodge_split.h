@@ -38,7 +38,7 @@ struct HodgeSplit {
   /// differences. ψ is 0 outside the pupil, and a positive vortex is a minimum of it.
   Image<float> potential;
   FixedList<HoleCirculation> holes;
-  int iterations = 0;     ///< steps of conjugate gradients; 0 if solved directly
+  int iterations = 0;     ///< steps of correction or refinement; 0 if solved directly
   bool converged = true;  ///< false if the iteration limit came before the tolerance
 };
 
