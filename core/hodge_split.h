@@ -49,7 +49,7 @@ struct HodgeSplit {
   Image<std::int32_t> island;
   int n_islands = 0;
   int n_large_islands = 0;  ///< those of kLargeIsland lenslets or more
-  int iterations = 0;       ///< steps of conjugate gradients; 0 if solved directly
+  int iterations = 0;       ///< steps of correction or refinement; 0 if solved directly
   bool converged = true;    ///< false if the iteration limit came before the tolerance
 };
 

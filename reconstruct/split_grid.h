@@ -18,7 +18,8 @@ struct SplitGrid {
         cols(lenslet_cols),
         stride(as_size((lenslet_cols + 1 + 15) / 16 * 16 + 16)) {}
 
-  std::size_t size() const { return as_size(rows + 3) * stride; }
+  /// The last vector of the last row may reach beyond it.
+  std::size_t size() const { return as_size(rows + 3) * stride + 16; }
   std::size_t at(int row, int col) const { return as_size(row + 1) * stride + as_size(col) + 16; }
   std::size_t lenslet(std::int32_t k) const { return at(k / cols, k % cols); }
 

@@ -33,7 +33,7 @@ struct Part {
 HWY_INLINE V load(const float* map, Part part) {
   if (part.n == hn::Lanes(d)) return hn::LoadU(d, map + part.k);
   HWY_ALIGN float rest[hn::MaxLanes(d)] = {};
-  std::memcpy(rest, map + part.k, part.n * sizeof(float));
+  std::memcpy(rest, map + part.k, std::min(part.n * sizeof(float), sizeof rest));
   return hn::Load(d, rest);
 }
 
@@ -43,7 +43,7 @@ HWY_INLINE V load(const std::uint8_t* map, Part part) {
   HWY_ALIGN std::uint8_t rest[hn::MaxLanes(d)] = {};
   if (part.n == hn::Lanes(d))
     return hn::ConvertTo(d, hn::PromoteTo(wide, hn::LoadU(narrow, map + part.k)));
-  std::memcpy(rest, map + part.k, part.n);
+  std::memcpy(rest, map + part.k, std::min(part.n, sizeof rest));
   return hn::ConvertTo(d, hn::PromoteTo(wide, hn::Load(narrow, rest)));
 }
 
@@ -51,7 +51,7 @@ HWY_INLINE void store(V values, float* map, Part part) {
   if (part.n == hn::Lanes(d)) return hn::StoreU(values, d, map + part.k);
   HWY_ALIGN float rest[hn::MaxLanes(d)];
   hn::Store(values, d, rest);
-  std::memcpy(map + part.k, rest, part.n * sizeof(float));
+  std::memcpy(map + part.k, rest, std::min(part.n * sizeof(float), sizeof rest));
 }
 
 /// Calls use(part of the lenslet maps, place in the working arrays, row, column) for all lenslets.
