@@ -163,10 +163,9 @@ TEST(Recorder, MemoryThatTheMachineHasNotIsRefusedBeforeItIsTaken) {
   const ScratchDirectory scratch;
   RecorderOptions options = options_for(scratch, RecordMode::kContinuous);
   options.memory_mb = 1'000'000'000;
-  EXPECT_THROW(Recorder(options, kSmall, Optics{}, Detector{}, [](const std::string&) {}),
-               UsageError);
+  EXPECT_THROW(Recorder(options, kSmall, RecordingHeader{}, [](const std::string&) {}), UsageError);
   options.mode = RecordMode::kOff;
-  EXPECT_NO_THROW(Recorder(options, kSmall, Optics{}, Detector{}, [](const std::string&) {}));
+  EXPECT_NO_THROW(Recorder(options, kSmall, RecordingHeader{}, [](const std::string&) {}));
 }
 
 TEST(Recorder, RecordsEveryFrameAndNamesTheFileByItsFirst) {
