@@ -64,14 +64,14 @@ RecordingHeader header_for(const Config& config, const Sensor& sensor) {
 }
 
 /// Refuses a trigger that would wait for ever.
-void check_trigger(const Config& config) {
+void check_trigger(const Config& config, const Sensor& sensor) {
   const RecorderOptions& recorder = config.recorder;
   if (recorder.mode != RecordMode::kTrigger || !recorder.trigger_on_vortex) return;
   if (recorder.trigger_tracked_only && !config.track.enabled)
     throw UsageError(
         "[recorder] trigger_tracked_only needs tracks: set enabled in section [track]");
   if (recorder.trigger_min_probability > 0.0 && !config.track.enabled &&
-      config.detect.method == DetectMethod::kCirculation)
+      choose_method(sensor, config).method == DetectMethod::kCirculation)
     throw UsageError(
         "[recorder] trigger_min_probability needs probabilities, and the method circulation knows "
         "none: take another method in [detect], or set enabled in section [track]");
@@ -110,7 +110,7 @@ DaemonPipeline::DaemonPipeline(std::function<Config()> configure, DaemonStatus& 
       config_(completed(configure_())),
       sensor_(sensor_for(config_)),
       placement_(config_.pipeline.cpus, config_.realtime.priority) {
-  check_trigger(config_);
+  check_trigger(config_, sensor_);
   const DaemonOptions& daemon = config_.daemon;
   if (daemon.jsonl.empty()) return;
   try {
@@ -210,7 +210,7 @@ void DaemonPipeline::reload() {
     config.recorder = config_.recorder;
     config.publish = config_.publish;
     config.metrics = config_.metrics;
-    check_trigger(config);
+    check_trigger(config, sensor);
     if (!connected_) check_same_frames(sensor_, sensor);
     std::optional<FrameFormat> format;
     std::shared_ptr<const Plan> plan;

@@ -153,7 +153,7 @@ class Telemetry(Folder):
 
     def export(self, recording="beam.fits", out="aot.fits", code=0):
         done = subprocess.run(
-            [PROGRAM, "export", "--aot", "results.fits", "--recording", recording, "--sensor",
+            [PROGRAM, "export", "--force", "--aot", "results.fits", "--recording", recording, "--sensor",
              "sensor.fits", "--out", out], cwd=self.folder, capture_output=True,
             text=True)
         self.assertEqual(done.returncode, code, done.stderr)

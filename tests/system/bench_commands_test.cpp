@@ -91,7 +91,8 @@ TEST(BenchCommands, Split) {
       expect_number(split, name);
     EXPECT_EQ(split["converged"], true);
   }
-  EXPECT_EQ(names, "none_faded one_faded one_percent_faded five_percent_faded weighted ");
+  EXPECT_EQ(names,
+            "none_faded one_faded one_percent_faded five_percent_faded crosses_faded weighted ");
   expect_times(entry["splits"][0], "plain_kept");
 }
 

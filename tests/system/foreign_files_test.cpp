@@ -190,7 +190,8 @@ TEST_F(ForeignFiles, AFlaggedPixelDoesNotHideTheOthers) {
       pixels[static_cast<std::size_t>(n * rows_ * cols_)] = -1e30F;
     add_image(file, ElementType::kF32, "", {kFrames, rows_, cols_}, pixels);
   });
-  EXPECT_NEAR(mean_slope("flagged.fits"), expected_, 1e-5);
+  // Maps, of which there is one now, are in codes that round.
+  EXPECT_NEAR(mean_slope("flagged.fits"), expected_, 5e-4);
   expect_said("1 pixel that is far outside");
 }
 

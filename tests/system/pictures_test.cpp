@@ -47,7 +47,8 @@ class PicturesOfUsers : public ::testing::Test {
   }
 
   static std::vector<float> slopes_of(const std::string& frames) {
-    run("replay " + frames + " --sensor sensor.fits --out r.fits --save slopes,phase --show 0");
+    run("replay " + frames +
+        " --sensor sensor.fits --out r.fits --force --save slopes,phase --show 0");
     FitsFile file = FitsFile::open(*folder_ / "r.fits");
     file.select("SLOPES");
     std::vector<float> slopes(static_cast<std::size_t>(file.image().elements()));

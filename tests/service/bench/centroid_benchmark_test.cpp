@@ -48,12 +48,11 @@ void expect_the_kernels_centroids(const BenchCase& which, PixelType pixel_type) 
                            {x.data(), y.data(), flux.data(), column_sum.data()});
       for (std::size_t k = 0; k < x.size(); ++k) {
         if (kernel.state[k] != LensletState::kValid) continue;
-        // Both sum the same signals in float, in different orders. Up to 1,000 terms of which a
-        // few hold most of the light: some ten rounding errors of 6e-8, times a window of 32 px.
-        EXPECT_NEAR(x[k], kernel.x_px[k], 5e-5) << k;
-        EXPECT_NEAR(y[k], kernel.y_px[k], 5e-5) << k;
+        // The kernel's maps are in codes, whose rounding is at most an eighth of the noise.
+        EXPECT_NEAR(x[k], kernel.x_px[k], 4e-3) << k;
+        EXPECT_NEAR(y[k], kernel.y_px[k], 4e-3) << k;
         const double adu = static_cast<double>(flux[k]) * format.scale_adu;
-        EXPECT_NEAR(adu / static_cast<double>(kernel.flux_adu[k]), 1.0, 3e-6) << k;
+        EXPECT_NEAR(adu / static_cast<double>(kernel.flux_adu[k]), 1.0, 6e-3) << k;
       }
     }
   }

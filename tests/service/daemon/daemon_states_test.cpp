@@ -144,6 +144,7 @@ TEST_F(EdgeOfDaemon, ATriggerThatWouldWaitForEverIsRefused) {
   EXPECT_NE(text().find("trigger_tracked_only needs tracks"), std::string::npos);
   config.recorder.trigger_tracked_only = false;
   config.recorder.trigger_min_probability = 0.9;
+  config.detect.method = DetectMethod::kCirculation;
   EXPECT_NE(text().find("trigger_min_probability needs probabilities"), std::string::npos);
   config.track.enabled = true;
   EXPECT_NO_THROW(DaemonPipeline([&] { return config; }, status));
