@@ -23,8 +23,7 @@ class Convert : public ::testing::Test {
   }
   /// Returns what replay finds, without what it says of times.
   std::string slopes_of(const std::string& inputs) {
-    run("replay " + inputs +
-        " --sensor sensor.fits --save slopes --out results.fits --force");
+    run("replay " + inputs + " --sensor sensor.fits --save slopes --out results.fits --force");
     FitsFile file = FitsFile::open(scratch_ / "results.fits");
     file.select("SLOPES");
     std::vector<float> slopes(static_cast<std::size_t>(file.image().elements()));
