@@ -1,5 +1,7 @@
 #include "acquisition/open_camera.h"
 
+#include <algorithm>
+#include <array>
 #include <charconv>
 #include <string>
 
@@ -48,9 +50,9 @@ std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadSt
 }
 
 bool comes_and_goes(const CameraOptions& options) {
-  for (const char* kind : {"aravis:", "usb:", "isio:"})
-    if (options.source.rfind(kind, 0) == 0) return true;
-  return false;
+  constexpr std::array kKinds = {"aravis:", "usb:", "isio:"};
+  return std::ranges::any_of(kKinds,
+                             [&](const char* kind) { return options.source.rfind(kind, 0) == 0; });
 }
 
 }  // namespace curlew

@@ -234,8 +234,7 @@ void Dissection::find_borders() {
     Front& front = fronts_[as_size(front_of_[as_size(link.from)])];
     if (link.to >= front.first + front.pivots) front.border.push_back(link.to);
   }
-  for (std::size_t f = 0; f < fronts_.size(); ++f) {
-    Front& front = fronts_[f];
+  for (Front& front : fronts_) {
     std::sort(front.border.begin(), front.border.end());
     front.border.erase(std::unique(front.border.begin(), front.border.end()), front.border.end());
     if (front.border.empty()) continue;

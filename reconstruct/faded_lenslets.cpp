@@ -30,8 +30,9 @@ PupilFaces::PupilFaces(const Lattice& lattice)
   for (int corner = 0; corner < lattice.n_corners(); ++corner) {
     Face& face = faces_[as_size(lattice.face_of(corner))];
     if (face.corners++ == 0) face.corner = corner;
+    const int row = corner / lattice.corner_cols();
     face.x += static_cast<float>(corner % lattice.corner_cols()) - 0.5F;
-    face.y += static_cast<float>(corner / lattice.corner_cols()) - 0.5F;
+    face.y += static_cast<float>(row) - 0.5F;
     if (lattice.component_of(corner) >= 0) ++component_size_[as_size(lattice.component_of(corner))];
   }
   for (std::int32_t f = kOuterFaces; f < lattice.n_faces(); ++f)
@@ -156,7 +157,7 @@ void FadedLenslets::join_holes(const Lattice& lattice, std::int32_t lenslet) noe
 
 /// Returns the sum of the edges round a single corner.
 float FadedLenslets::loop_round(const PupilFaces& pupil, const SlopeField& slopes,
-                                std::int32_t corner) const noexcept {
+                                std::int32_t corner) noexcept {
   const std::int32_t cols = pupil.lattice().cols();
   const std::int32_t row = corner / (cols + 1);
   const std::int32_t col = corner % (cols + 1);

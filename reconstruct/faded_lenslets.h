@@ -88,8 +88,8 @@ class FadedLenslets {
   void touch(std::int32_t face) noexcept;
   void join_holes(const Lattice& lattice, std::int32_t lenslet) noexcept;
   void count_parts(const PupilFaces& pupil, int bridges) noexcept;
-  float loop_round(const PupilFaces& pupil, const SlopeField& slopes,
-                   std::int32_t corner) const noexcept;
+  static float loop_round(const PupilFaces& pupil, const SlopeField& slopes,
+                          std::int32_t corner) noexcept;
 
   /// This is a hole while it is added up.
   struct Sums {

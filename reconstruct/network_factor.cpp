@@ -113,10 +113,12 @@ void assemble(const NetworkFactor::Steps& steps, const NetworkFactor::LineFront&
     const auto& child = steps.children[static_cast<std::size_t>(c)];
     const auto& front = steps.lines[static_cast<std::size_t>(child.line)];
     for (std::int32_t j = 0; j < front.border; ++j) {
-      const float* from = fronts + front.rest + static_cast<std::size_t>(j * front.stride) +
+      const float* from = fronts + front.rest +
+                          static_cast<std::size_t>(j) * static_cast<std::size_t>(front.stride) +
                           static_cast<std::size_t>(front.pivots);
       float* to = columns[static_cast<std::size_t>(
-          steps.child_rows[static_cast<std::size_t>(child.first_row + j)])];
+          steps.child_rows[static_cast<std::size_t>(child.first_row) +
+                           static_cast<std::size_t>(j)])];
       for (std::int32_t r = child.first_run; r < child.last_run; ++r) {
         const auto& run = steps.runs[static_cast<std::size_t>(r)];
         if (run.from + run.size <= j) continue;  // It is above the diagonal.
@@ -212,7 +214,8 @@ void factorise(const NetworkFactor::Steps& steps, const float* weight,
                           static_cast<std::size_t>(line.stride),
                           static_cast<std::size_t>(line.pivots)};
     assemble(steps, line, columns, weight, ws.rests.data(), ws.fronts.data());
-    eliminate_front(columns, static_cast<std::size_t>(line.pivots + line.border),
+    eliminate_front(columns,
+                    static_cast<std::size_t>(line.pivots) + static_cast<std::size_t>(line.border),
                     ws.scales.data() + line.first);
   }
 }

@@ -53,7 +53,7 @@ void tiles_up(TileBatch& batch, float* b) {
       const V y =
           hn::Mul(hn::Load(d, batch.at(i) + lane), hn::Load(d, batch.scales + i * kLanes + lane));
       hn::Store(y, d, batch.at(i) + lane);
-      const auto end = static_cast<std::size_t>(pivot.first + pivot.size);
+      const auto end = static_cast<std::size_t>(pivot.first) + static_cast<std::size_t>(pivot.size);
       for (auto e = static_cast<std::size_t>(pivot.first); e < end; ++e) {
         float* to = batch.at(static_cast<std::size_t>(batch.steps.entry_row[e])) + lane;
         const V factor = hn::Load(d, batch.entries + e * kLanes + lane);
@@ -72,7 +72,7 @@ void tiles_down(TileBatch& batch, float* b) {
     for (std::size_t i = TileShape::kInside; i-- > 0;) {
       const NetworkFactor::TilePivot& pivot = batch.steps.pivots[i];
       V sum = hn::Load(d, batch.at(i) + lane);
-      const auto end = static_cast<std::size_t>(pivot.first + pivot.size);
+      const auto end = static_cast<std::size_t>(pivot.first) + static_cast<std::size_t>(pivot.size);
       for (auto e = static_cast<std::size_t>(pivot.first); e < end; ++e) {
         const float* from = batch.at(static_cast<std::size_t>(batch.steps.entry_row[e])) + lane;
         sum = hn::MulAdd(hn::Load(d, batch.entries + e * kLanes + lane), hn::Load(d, from), sum);
@@ -117,9 +117,8 @@ void line_down(const NetworkFactor::LineFront& line, const std::int32_t* border,
     V sum = hn::Zero(d);
     for (std::size_t i = j / lanes * lanes; i < stride; i += lanes)
       sum = hn::MulAdd(hn::Load(d, column + i), hn::Load(d, values + i), sum);
-    float& x = b[static_cast<std::size_t>(line.first) + j];
-    x = (x + hn::GetLane(hn::SumOfLanes(d, sum))) * scales[j];
-    values[j] = x;
+    const std::size_t at = static_cast<std::size_t>(line.first) + j;
+    b[at] = values[j] = (b[at] + hn::GetLane(hn::SumOfLanes(d, sum))) * scales[j];
   }
 }
 

@@ -56,8 +56,8 @@ void NetworkFactor::plan_batches(const Dissection& dissection, const SplitGrid& 
   const auto n_tiles = size_of(dissection.tiles());
   steps_.batches = (n_tiles + kLanes - 1) / kLanes;
   const std::size_t n_edges = shape.edges.size();
-  steps_.edge_weight.assign(as_size(steps_.batches * kLanes) * n_edges, 0);
-  steps_.tile_position.assign(as_size(steps_.batches * kLanes * TileShape::kNodes), steps_.nodes);
+  steps_.edge_weight.assign(as_size(steps_.batches) * kLanes * n_edges, 0);
+  steps_.tile_position.assign(as_size(steps_.batches) * kLanes * TileShape::kNodes, steps_.nodes);
   for (std::int32_t t = 0; t < n_tiles; ++t) {
     const Dissection::Tile& tile = dissection.tiles()[as_size(t)];
     const std::size_t batch = as_size(t / kLanes);
@@ -94,7 +94,7 @@ void NetworkFactor::plan_lines(const Dissection& dissection, const SplitGrid& gr
     line.border = size_of(front.border);
     line.stride = (front.rows() + 15) / 16 * 16;
     line.panel = steps_.panel_size;
-    steps_.panel_size += as_size(line.stride * line.pivots);
+    steps_.panel_size += as_size(line.stride) * as_size(line.pivots);
     steps_.longest = std::max(steps_.longest, line.stride);
     line.first_border = size_of(steps_.borders);
     steps_.borders.insert(steps_.borders.end(), front.border.begin(), front.border.end());
@@ -133,7 +133,7 @@ void NetworkFactor::plan_children(const Dissection& dissection,
                                   as_size(child.tile % kLanes)];
         for (const std::int32_t position : child.border)
           for (std::int32_t i = 0; i < TileShape::kBorder; ++i)
-            if (positions[i * kLanes] == position)
+            if (positions[std::ptrdiff_t{i} * kLanes] == position)
               steps_.border_rows.push_back({i, fronts[f].row_of(position)});
         rest.last = size_of(steps_.border_rows);
         steps_.tile_rests.push_back(rest);
@@ -167,7 +167,7 @@ void NetworkFactor::plan_rests() {
   std::vector<Used> used;  // ascending
   for (std::int32_t l = 0; l < size_of(steps_.lines); ++l) {
     LineFront& line = steps_.lines[as_size(l)];
-    const std::size_t size = as_size(line.stride * line.border);
+    const std::size_t size = as_size(line.stride) * as_size(line.border);
     auto next = used.begin();
     line.rest = 0;
     for (; next != used.end() && line.rest + size > next->first; ++next) line.rest = next->last;

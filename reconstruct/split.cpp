@@ -102,7 +102,7 @@ class Splitter {
     if (!ws_.factorised_) plan_.network().factorise(ws_.weight_.data(), ws_.network_);
     ws_.factorised_ = true;
     std::fill(ws_.exact_phi_.begin(), ws_.exact_phi_.end(), 0.0);
-    double previous = static_cast<double>(step_by_network());
+    auto previous = static_cast<double>(step_by_network());
     const double goal =
         plan_.options().tolerance * std::max(previous, static_cast<double>(largest_edge_));
     while (previous > 0.0) {
@@ -111,7 +111,7 @@ class Splitter {
         break;
       }
       ++split_.iterations;
-      const double change = static_cast<double>(step_by_network());
+      const auto change = static_cast<double>(step_by_network());
       if (change * change <= goal * previous) break;
       previous = change;
     }

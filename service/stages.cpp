@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <string>
+#include <utility>
 
 #include "centroiding/field_turn.h"
 #include "core/error.h"
@@ -92,8 +93,8 @@ const std::array<Stage, kStageCount> kStages = {{
     {"hidden", hidden},
 }};
 
-Plan::Plan(const Sensor& sensor, const FrameFormat& format, const Config& settings)
-    : config(settings),
+Plan::Plan(const Sensor& sensor, const FrameFormat& format, Config settings)
+    : config(std::move(settings)),
       optics(sensor.optics),
       detector(sensor.detector),
       sensor_hash(curlew::sensor_hash(sensor)),

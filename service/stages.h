@@ -31,7 +31,7 @@ namespace curlew {
 struct Plan {
   /// Throws Failure or UsageError for what does not fit together, and Failure, before anything is
   /// made, if plan and slots would take more than memory_limit_bytes().
-  Plan(const Sensor& sensor, const FrameFormat& format, const Config& config);
+  Plan(const Sensor& sensor, const FrameFormat& format, Config settings);
   Plan(const Plan&) = delete;
   Plan& operator=(const Plan&) = delete;
 

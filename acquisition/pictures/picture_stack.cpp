@@ -34,7 +34,8 @@ bool is_pattern(const std::string& path) {
 std::vector<std::string> match(const std::string& pattern) {
   glob_t found{};
   std::vector<std::string> paths;
-  if (glob(pattern.c_str(), 0, nullptr, &found) == 0)
+  // What is not thread safe of glob() is the expansion of ~user, which is not asked for.
+  if (glob(pattern.c_str(), 0, nullptr, &found) == 0)  // NOLINT(concurrency-mt-unsafe)
     paths.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
   globfree(&found);
   return paths;

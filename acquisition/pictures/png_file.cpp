@@ -139,6 +139,7 @@ class PngFile final : public PictureFile {
     const std::size_t row_bytes =
         static_cast<std::size_t>(format_.cols) * bytes_of(format_.element);
     std::vector<png_bytep> rows;
+    rows.reserve(static_cast<std::size_t>(format_.rows));
     for (int r = 0; r < format_.rows; ++r)
       rows.push_back(reinterpret_cast<png_bytep>(pixels.data()) +
                      static_cast<std::size_t>(r) * row_bytes);
@@ -159,6 +160,7 @@ std::string write_picture(const std::string& path, const Image<Rgb>& picture) {
   job.file = std::fopen(path.c_str(), "wb");
   if (job.file == nullptr) return "is the folder missing?";
   std::vector<png_bytep> rows;
+  rows.reserve(static_cast<std::size_t>(picture.rows()));
   for (int r = 0; r < picture.rows(); ++r)  // libpng only reads them
     rows.push_back(const_cast<png_bytep>(reinterpret_cast<png_const_bytep>(&picture(r, 0))));
   job.png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &job, on_error, on_warning);

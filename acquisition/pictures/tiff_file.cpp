@@ -8,7 +8,9 @@
 #include <cstdio>
 #include <cstring>
 #include <limits>
+#include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "core/error.h"
@@ -22,7 +24,7 @@ struct TiffDeleter {
 
 class TiffFile final : public PictureFile {
  public:
-  explicit TiffFile(const std::string& path) : path_(path) {
+  explicit TiffFile(std::string path) : path_(std::move(path)) {
     open();
     do {
       if (is_reduced()) continue;

@@ -69,7 +69,7 @@ FitsSource::FitsSource(std::vector<std::string> paths, FrameSelection selection)
       notes_.insert(notes_.end(), other.notes.begin(), other.notes.end());
   }
   if (first.pictures && !std::is_sorted(paths_.begin(), paths_.end(), comes_before)) {
-    notes_.push_back(
+    notes_.emplace_back(
         "The pictures are read in the order in which they were named, which is not that of the "
         "numbers in their names; a pattern in quotes, or the directory, is read in that.");
   }

@@ -24,7 +24,8 @@ std::vector<float> finite_of(const Image<float>& image) {
 /// Returns the median of the finite values within two pixels; NaN where there are none.
 float median_round(const Image<float>& image, int row, int col) {
   constexpr int kReach = 2;
-  std::array<float, (2 * kReach + 1) * (2 * kReach + 1)> values{};
+  constexpr std::size_t kSide = 2 * kReach + 1;
+  std::array<float, kSide * kSide> values{};
   std::ptrdiff_t n = 0;
   for (int r = std::max(row - kReach, 0); r <= std::min(row + kReach, image.rows() - 1); ++r)
     for (int c = std::max(col - kReach, 0); c <= std::min(col + kReach, image.cols() - 1); ++c)

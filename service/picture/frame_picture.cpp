@@ -72,8 +72,8 @@ void draw_displacements(Canvas& canvas, const Sensor& sensor, const Centroids& c
   for (std::size_t k = 0; k < sensor.window.size(); ++k) {
     if (centroids.state[k] != LensletState::kValid) continue;
     const auto [x, y] = displacement(k);
-    const double x0 = static_cast<double>(sensor.ref_x_px[k]);
-    const double y0 = static_cast<double>(sensor.ref_y_px[k]);
+    const auto x0 = static_cast<double>(sensor.ref_x_px[k]);
+    const auto y0 = static_cast<double>(sensor.ref_y_px[k]);
     canvas.draw_arrow(x0, y0, x0 + times * x, y0 + times * y, kYellow);
   }
 }
