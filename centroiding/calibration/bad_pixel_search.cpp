@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "centroiding/calibration/spot_picture.h"
+#include "centroiding/pixel_response.h"
 
 namespace curlew {
 namespace {
@@ -104,16 +105,10 @@ BadPixels find_bad_pixels(const Image<float>& dark_adu, const Image<float>& vari
 
 Image<std::uint8_t> find_dead_pixels(const Image<float>& flat) {
   constexpr float kOfNeighbours = 0.5F;
-  constexpr float kOfAll = 0.1F;
-  Image<std::uint8_t> dead(flat.rows(), flat.cols());
-  const float dim = kOfAll * static_cast<float>(quantile(finite_of(flat), 0.5));
-  for (int r = 0; r < flat.rows(); ++r) {
-    for (int c = 0; c < flat.cols(); ++c) {
-      const float response = flat(r, c);
-      const float least = std::max(dim, kOfNeighbours * median_round(flat, r, c));
-      dead(r, c) = response > 0.0F && std::isfinite(response) && response >= least ? 0 : 1;
-    }
-  }
+  Image<std::uint8_t> dead = find_unresponsive_pixels(flat);
+  for (int r = 0; r < flat.rows(); ++r)
+    for (int c = 0; c < flat.cols(); ++c)
+      if (flat(r, c) < kOfNeighbours * median_round(flat, r, c)) dead(r, c) = 1;
   return dead;
 }
 

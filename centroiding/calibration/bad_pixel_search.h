@@ -24,8 +24,8 @@ struct BadPixels {
 BadPixels find_bad_pixels(const Image<float>& dark_adu, const Image<float>& variance_adu2,
                           int frames, const Image<float>& flat);
 
-/// Returns 1 where the response is no number, not above 0, below half of the median of its 5×5
-/// neighbourhood, or below a tenth of the flat's median. Empty for an empty flat.
+/// Returns 1 where find_unresponsive_pixels() does, and where the response is below half of the
+/// median of its 5×5 neighbourhood. Empty for an empty flat.
 Image<std::uint8_t> find_dead_pixels(const Image<float>& flat);
 
 }  // namespace curlew

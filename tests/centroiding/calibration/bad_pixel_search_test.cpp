@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -67,6 +68,18 @@ TEST(BadPixelSearch, CalibrationTakesPixelsFarBelowTheFlatAsBad) {
   ASSERT_FALSE(calibration.sensor.bad_pixel.empty());
   EXPECT_EQ(calibration.sensor.bad_pixel(30, 30), 1);
   EXPECT_EQ(calibration.sensor.flat(31, 31), 1.0F);
+}
+
+// The flat's mean is that of the pixels that are left, so one absurd value must not be among them.
+TEST(BadPixelSearch, AResponseThatIsAbsurdIsAsBadAsNone) {
+  Image<float> flat(9, 9);
+  flat.fill(1.0F);
+  flat(4, 4) = 1e30F;
+  flat(2, 7) = std::numeric_limits<float>::infinity();
+  flat(7, 2) = 1e-30F;
+  const Image<std::uint8_t> dead = find_dead_pixels(flat);
+  EXPECT_EQ(std::count(dead.begin(), dead.end(), 1), 3);
+  EXPECT_EQ(dead(4, 4) + dead(2, 7) + dead(7, 2), 3);
 }
 
 }  // namespace
