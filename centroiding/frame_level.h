@@ -44,6 +44,8 @@ class LevelPlan {
   /// [rows + 1, cols + 1] corners, each with block_pixels() pixels, where no spot is moved.
   const std::vector<LevelPixel>& pixels() const { return pixels_; }
   int block_pixels() const { return block_pixels_; }
+  /// Spots as wide as a fifth of the pitch light the corners, unevenly.
+  bool corners_are_lit() const { return corners_are_lit_; }
 
   /// T for frames of this noise, in counts; see CentroidOptions. It is never lower than the read
   /// noise of the sensor file asks for, so that a reference that is less noisy than the frames can
@@ -59,8 +61,7 @@ class LevelPlan {
   }
 
  private:
-  /// Spots as wide as a fifth of the pitch light the corners, unevenly, and that is no noise. There
-  /// the noise is that of the sensor file.
+  /// Light in the corners is no noise. There the noise is that of the sensor file.
   float known(float noise) const { return corners_are_lit_ ? read_noise_ : noise; }
 
   int frame_rows_;

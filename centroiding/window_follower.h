@@ -11,6 +11,7 @@
 #include "centroiding/sensor.h"
 #include "centroiding/sharp_pixels.h"
 #include "centroiding/spot_acquisition.h"
+#include "centroiding/spot_judge.h"
 #include "core/centroids.h"
 #include "core/frame.h"
 #include "core/image.h"
@@ -32,7 +33,8 @@ inline constexpr std::size_t kFollowStates = 5;  ///< the number of values of Fo
 /// plan, in their order; one thread calls it.
 ///
 /// Windows stay where they are while the low orders of the spots' displacements (a quadratic fit)
-/// lie within .15 pitch of them. When these leave that, the windows are moved to them by whole
+/// lie within .15 pitch of them, or within .05 where spots are so wide that they light the corners
+/// in which the level is measured. When these leave that, the windows are moved to them by whole
 /// pixels and the same frame is measured again. Where the fit does not describe the spots, or the
 /// pattern of lit lenslets has stepped by a pitch, SpotAcquisition finds them anew.
 ///
@@ -54,16 +56,6 @@ class WindowFollower {
                       SharpPixels& sharp, Centroids& centroids) noexcept;
 
  private:
-  /// How one frame's spots lie in the windows.
-  struct Fit {
-    LowOrders model;        ///< displacements from where the windows are, px
-    float residual_px = 0;  ///< of the spots from it, rms along an axis
-    float largest_px = 0;   ///< of the model, over the spots
-    int spots = 0;          ///< lenslets with a well-formed spot near the model
-    int light = 0;          ///< lenslets with any light worth speaking of
-    bool same_lit = true;   ///< whether the lit lenslets are those of the frames before
-  };
-
   void place_windows(const CentroidPlan& plan, const LevelPlan& level_plan,
                      const LowOrders& model) noexcept;
   void place_window(const CentroidPlan& plan, std::size_t k, int dx, int dy) noexcept;
@@ -75,26 +67,19 @@ class WindowFollower {
   AcquisitionResult acquire(const CentroidPlan& plan, const LevelPlan& level_plan, FrameView frame,
                             FrameLevels& levels, const SharpPixels& sharp,
                             LowOrders& model) noexcept;
-  void fit(const Centroids& centroids, Fit& found) noexcept;
-  void find_spots(const Centroids& centroids, Fit& found) noexcept;
-  bool has_stepped(int here) const noexcept;
-  bool is_believed(const Fit& found) const noexcept;
-  bool is_settled(const Fit& found) const noexcept;
-  void judge(Centroids& centroids) const noexcept;
-  float kept_neighbours(int row, int col) const noexcept;
-  void remember(const Centroids& centroids) noexcept;
+  bool is_settled(const SpotFit& found) const noexcept;
 
   SpotAcquisition acquisition_;
+  SpotJudge judge_;  ///< with its state
   float pitch_px_;
+  float followed_px_;  ///< Windows stay while the spots' low orders are within this.
   std::vector<LevelPixel> middle_blocks_;  ///< for the level in the middles of the windows
   float max_bad_fraction_;
   Image<std::uint8_t> lenslet_;  ///< [rows, cols] 1 where the plan has one
   Image<float> ref_x_px_;
   Image<float> ref_y_px_;
-  Image<float> flux_adu_;            ///< of the references
-  Image<std::int32_t> bad_pixels_;   ///< [rows + 1, cols + 1] of the frame, summed; or empty
-  std::vector<std::size_t> sample_;  ///< the lenslets that are fitted
-  std::vector<float> column_u_;      ///< [cols] the model's coordinate of a column
+  Image<std::int32_t> bad_pixels_;  ///< [rows + 1, cols + 1] of the frame, summed; or empty
+  std::vector<float> column_u_;     ///< [cols] the model's coordinate of a column
 
   // The state.
   LowOrders model_;                    ///< where the windows are
@@ -103,18 +88,12 @@ class WindowFollower {
   std::vector<LevelPixel> blocks_;     ///< where the level is measured
   Image<float> moved_x_px_;            ///< by whole pixels
   Image<float> moved_y_px_;
-  Image<std::int8_t> seen_;  ///< how often a lenslet had its spot, of the last ones
-  Image<std::uint8_t> lit_;  ///< whether it had, more often than not
-  bool started_ = false;
 
   // Buffers of one frame.
   Image<float> level_;
   Image<float> model_x_px_;  ///< of each lenslet
   Image<float> model_y_px_;
-  Image<std::uint8_t> spot_;        ///< what each window holds; the values stand in the .cpp
   Image<std::uint8_t> off_centre_;  ///< windows that are centred on their spot in this frame
-  std::vector<float> values_;       ///< of the sample
-  std::vector<std::uint8_t> near_;  ///< [sample] whether a spot takes part in the fit
 };
 
 }  // namespace curlew

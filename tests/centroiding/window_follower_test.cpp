@@ -42,16 +42,17 @@ double round_beam(int row, int col) {
 
 /// A sensor that was calibrated without any error, and frames of it.
 struct Scene {
-  explicit Scene(double rotation_deg = 0.0) {
+  explicit Scene(double rotation_deg = 0.0, double pitch_px = kPitch, double spot_sigma_px = kSigma)
+      : sigma_px(spot_sigma_px) {
     const double a = rotation_deg * std::numbers::pi / 180.0;
-    const double side = kCount * kPitch * (std::abs(std::cos(a)) + std::abs(std::sin(a)));
+    const double side = kCount * pitch_px * (std::abs(std::cos(a)) + std::abs(std::sin(a)));
     const int pixels = static_cast<int>(side + 2.0 * kMargin);
     sensor.frame_rows = format.rows = pixels;
     sensor.frame_cols = format.cols = pixels;
     LensletGrid& grid = sensor.grid;
     grid.rows = grid.cols = kCount;
-    grid.p11 = grid.p22 = kPitch * std::cos(a);
-    grid.p21 = kPitch * std::sin(a);
+    grid.p11 = grid.p22 = pitch_px * std::cos(a);
+    grid.p21 = pitch_px * std::sin(a);
     grid.p12 = -grid.p21;
     const double middle = 0.5 * (kCount - 1);
     grid.origin_x_px = 0.5 * (pixels - 1) - middle * (grid.p11 + grid.p12);
@@ -64,7 +65,7 @@ struct Scene {
     sensor.gain_x = sensor.gain_y = Image<float>(kCount, kCount, 1.0F);
     sensor.flux_adu = Image<float>(kCount, kCount, static_cast<float>(kElectrons));
     sensor.ref_x_px = sensor.ref_y_px = Image<float>(kCount, kCount);
-    const int window = static_cast<int>(kPitch);
+    const int window = static_cast<int>(pitch_px);
     for (int r = 0; r < kCount; ++r) {
       for (int c = 0; c < kCount; ++c) {
         const auto [x, y] = grid.pixel_from_lenslet(c, r);
@@ -97,9 +98,9 @@ struct Scene {
     return counts;
   }
 
-  static void add_spot(Image<double>& light, double x, double y, double electrons) {
-    const auto part = [](int pixel, double centre) {
-      const double scale = kSigma * std::numbers::sqrt2;
+  void add_spot(Image<double>& light, double x, double y, double electrons) const {
+    const auto part = [this](int pixel, double centre) {
+      const double scale = sigma_px * std::numbers::sqrt2;
       return 0.5 *
              (std::erf((pixel + 0.5 - centre) / scale) - std::erf((pixel - 0.5 - centre) / scale));
     };
@@ -110,6 +111,7 @@ struct Scene {
         light(row, col) += electrons * part(row, y) * part(col, x);
   }
 
+  double sigma_px;
   Sensor sensor;
   FrameFormat format;
 };
@@ -280,7 +282,7 @@ TEST(WindowFollower, HalfAPitchOfABeamWithoutARimIsNotDecided) {
     for (int r = -2; r < kCount + 2; ++r)
       for (int c = -2; c < kCount + 2; ++c) {
         const auto [x, y] = scene.sensor.grid.pixel_from_lenslet(c + pitches, r);
-        Scene::add_spot(light, x, y, kElectrons);
+        scene.add_spot(light, x, y, kElectrons);
       }
     RandomStream random(kSeed, ++following.frames);
     following.counts = Image<std::uint16_t>(light.rows(), light.cols());
@@ -351,6 +353,46 @@ TEST(WindowFollower, StrayLightBesideTheBeamIsNoSpot) {
     EXPECT_GE(beam, 84) << "of 88, seed " << kSeed + seed;
     EXPECT_LE(stray, 2) << "of 168, seed " << kSeed + seed;
     EXPECT_LE(evidence, 20) << "seed " << kSeed + seed;
+  }
+}
+
+// At 5.3 px a pitch, the corners in which the level is measured see the spots round them. What they
+// see must not change when these move, for it would change the spots' light above the level.
+TEST(WindowFollower, TheLevelStaysWhereWideSpotsMoveByLessThanAPixel) {
+  constexpr double kClose_px = 5.3;
+  Scene scene(0.0, kClose_px, 1.2);
+  scene.sensor.spot_sigma_px = 1.0;
+  const auto mean_level = [&](double dx, double dy) {
+    Following following(scene);
+    EXPECT_TRUE(following.level_plan.corners_are_lit());
+    for (int i = 0; i < 2; ++i) following.see([=](int, int) { return Place{dx, dy}; });
+    double sum = 0.0;
+    for (const float level : following.levels.level) sum += static_cast<double>(level);
+    return sum / static_cast<double>(following.levels.level.size());
+  };
+  const double still = mean_level(0.0, 0.0);
+  EXPECT_GT(still, 3.0) << "the corners must be lit";
+  for (const auto& [dx, dy] : {Place{0.37, -0.61}, Place{0.5, 0.5}, Place{-0.7, 0.2}})
+    EXPECT_NEAR(mean_level(dx, dy), still, 0.2 * still) << dx << ", " << dy;
+}
+
+// Six hot pixels side by side outshine a spot, and no pixel of them is sharp.
+TEST(WindowFollower, AClumpOfHotPixelsIsNoSpot) {
+  Scene scene;
+  scene.sensor.spot_sigma_px = kSigma;
+  Following following(scene);
+  following.see(tilt(0.0, 0.0));
+  ASSERT_EQ(following.centroids.n_valid, kCount * kCount);
+  constexpr int kRow = 7, kCol = 8;
+  const int x0 = static_cast<int>(scene.sensor.ref_x_px(kRow, kCol)) + 2;
+  const int y0 = static_cast<int>(scene.sensor.ref_y_px(kRow, kCol)) - 1;
+  for (int i = 0; i < 3; ++i) {
+    following.counts = scene.draw(tilt(0.0, 0.0), all_lit, ++following.frames);
+    for (int y = y0; y < y0 + 3; ++y)
+      for (int x = x0; x < x0 + 2; ++x) following.counts(y, x) = 5000;
+    following.measure();
+    EXPECT_NE(following.centroids.state(kRow, kCol), LensletState::kValid) << "frame " << i;
+    EXPECT_EQ(following.centroids.n_valid, kCount * kCount - 1);
   }
 }
 

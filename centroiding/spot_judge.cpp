@@ -1,0 +1,307 @@
+#include "centroiding/spot_judge.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <span>
+
+#include "core/as_size.h"
+#include "core/median.h"
+
+namespace curlew {
+namespace {
+
+// All distances are in pitches.
+constexpr float kNear = 0.42F;        // A spot farther from the fit is another lenslet's.
+constexpr float kSurelyNear = 0.3F;   // One nearer than this never is.
+constexpr float kResiduals = 6.0F;    // between these, this many times the rms
+constexpr float kOfUniform = 0.7F;    // second moments over those of an evenly lit window
+constexpr float kSurelyAlone = 0.1F;  // A spot beside lost ones must be as near as this.
+// A spot's flux over its reference's, where the median lenslet's is 1: between stray light and
+// glare.
+constexpr float kDimmest = 0.15F;
+constexpr float kBrightest = 10.0F;
+constexpr float kNarrow = 0.5F;  // A spot's second moments are at least this of the reference's.
+constexpr float kWellSampled = 0.8F;  // px², the σ² of spots whose width pixels tell
+constexpr float kLeastSpots = 0.45F;  // of the lenslets with light, for the fit to be believed
+// The rms of spots that lie anywhere is .25; strong turbulence leaves .1.
+constexpr float kRandom = 0.2F;
+constexpr int kEnoughLight = 4;  // lenslets, at least
+constexpr std::size_t kMaxSample = 256;
+constexpr std::int8_t kSeenMax = 8;  // frames after which a lenslet's light is believed or not
+
+// What a lenslet's window holds.
+constexpr std::uint8_t kNothing = 0;     ///< no spot, or none that is known to be another's
+constexpr std::uint8_t kNearModel = 1;   ///< a spot near the model, but dim, glaring or wide
+constexpr std::uint8_t kWellFormed = 2;  ///< a spot near the model
+constexpr std::uint8_t kFarOff = 3;      ///< light too far from the model to be the lenslet's spot
+
+bool is_spot(std::uint8_t what) noexcept { return what == kNearModel || what == kWellFormed; }
+
+bool has_light(LensletState state) noexcept {
+  return state == LensletState::kValid || state == LensletState::kAtEdge ||
+         state == LensletState::kSaturated;
+}
+
+/// Rims are uncertain by a few lenslets; a step of a pitch changes whole sides.
+float rim_slack(int lit) noexcept { return 0.3F * std::sqrt(static_cast<float>(lit)) + 1.0F; }
+
+void lose(Centroids& centroids, std::size_t k) noexcept {
+  if (centroids.state[k] == LensletState::kValid) --centroids.n_valid;
+  centroids.state[k] = LensletState::kLost;
+}
+
+/// What is in the window says nothing of where the lenslet's spot is.
+void darken(Centroids& centroids, std::size_t k) noexcept {
+  if (centroids.state[k] == LensletState::kValid) --centroids.n_valid;
+  centroids.state[k] = LensletState::kFaint;
+  centroids.flux_adu[k] = 0.0F;
+}
+
+/// Returns the least sum of a spot's second moments; 0 where nothing is known of the spots.
+float narrowest_px2(double spot_sigma_px) noexcept {
+  const auto variance_px2 = static_cast<float>(spot_sigma_px * spot_sigma_px);
+  return variance_px2 >= kWellSampled ? kNarrow * 2.0F * variance_px2 : 0.0F;
+}
+
+}  // namespace
+
+SpotJudge::SpotJudge(const Sensor& sensor, const CentroidPlan& plan)
+    : pitch_px_(static_cast<float>(sensor.grid.pitch_px())),
+      lenslet_(plan.spots.rows(), plan.spots.cols()),
+      ref_x_px_(sensor.ref_x_px),
+      ref_y_px_(sensor.ref_y_px),
+      flux_adu_(sensor.flux_adu),
+      narrowest_px2_(narrowest_px2(sensor.spot_sigma_px)),
+      seen_(plan.spots.rows(), plan.spots.cols()),
+      lit_(plan.spots.rows(), plan.spots.cols()),
+      spot_(plan.spots.rows(), plan.spots.cols()) {
+  std::vector<std::size_t> all;
+  for (std::size_t k = 0; k < lenslet_.size(); ++k) {
+    lenslet_[k] = plan.spots[k].state != LensletState::kUnlit ? 1 : 0;
+    if (lenslet_[k] != 0) all.push_back(k);
+  }
+  lit_ = lenslet_;
+  // The sample begins a lenslet further on in each row, so that it is spread over all columns.
+  const std::size_t stride = all.size() / kMaxSample + 1;
+  for (std::size_t i = 0; i < all.size(); ++i)
+    if ((i + i / as_size(plan.spots.cols())) % stride == 0) sample_.push_back(all[i]);
+  values_.reserve(sample_.size());
+  near_.resize(sample_.size());
+  for (int c = 0; c < plan.spots.cols(); ++c)
+    column_u_.push_back(model_coordinate(static_cast<float>(c), plan.spots.cols()));
+}
+
+void SpotJudge::look_at(const WindowPlaces& places, const Centroids& centroids,
+                        SpotFit& found) noexcept {
+  fit(places, centroids, found);
+  const float typical = typical_brightness(centroids);
+  find_spots(places, centroids, typical, found);
+  reject_clumps(centroids, typical, found);
+}
+
+bool SpotJudge::has_spot(std::size_t k) const noexcept { return is_spot(spot_[k]); }
+
+/// Fits the low orders to a sample of the spots, first of those that may be their lenslets', then
+/// of those that lie near the others.
+void SpotJudge::fit(const WindowPlaces& places, const Centroids& centroids,
+                    SpotFit& found) noexcept {
+  constexpr float kSigmaOfMedian = 0.849F;  // of the square of two axes: 1/√(2 ln 2)
+  const int rows = spot_.rows(), cols = spot_.cols();
+  float near2 = (kNear * pitch_px_) * (kNear * pitch_px_);
+  found.model = {};
+  const auto place_of = [&](std::size_t k) {
+    const int r = static_cast<int>(k / as_size(cols));
+    return std::array<float, 4>{column_u_[k % as_size(cols)],
+                                model_coordinate(static_cast<float>(r), rows),
+                                centroids.x_px[k] - ref_x_px_[k] - places.x_px[k],
+                                centroids.y_px[k] - ref_y_px_[k] - places.y_px[k]};
+  };
+  for (int pass = 0; pass < 2; ++pass) {
+    bool same = pass > 0;  // the spots that are near are those of the pass before
+    values_.clear();
+    for (std::size_t i = 0; i < sample_.size(); ++i) {
+      bool near = centroids.state[sample_[i]] == LensletState::kValid;
+      if (near) {
+        const auto [u, v, x, y] = place_of(sample_[i]);
+        const auto [at_x, at_y] = found.model.at(u, v);
+        const float square = (x - at_x) * (x - at_x) + (y - at_y) * (y - at_y);
+        near = square <= near2;
+        if (near) values_.push_back(square);
+      }
+      same = same && near == (near_[i] != 0);
+      near_[i] = near ? 1 : 0;
+    }
+    if (values_.empty()) return;
+    if (!same) {
+      LowOrdersFit fit;
+      for (std::size_t i = 0; i < sample_.size(); ++i) {
+        if (near_[i] == 0) continue;
+        const auto [u, v, x, y] = place_of(sample_[i]);
+        fit.add(u, v, x, y);
+      }
+      found.model = fit.solve();
+    }
+    found.residual_px = kSigmaOfMedian * std::sqrt(median_of(std::span(values_)));
+    const float limit = std::max(3.0F * found.residual_px, 0.1F * pitch_px_);
+    near2 = std::min(near2, 2.0F * limit * limit);
+  }
+}
+
+/// Marks the lenslets whose spot lies near the model, and counts.
+void SpotJudge::find_spots(const WindowPlaces& places, const Centroids& centroids, float typical,
+                           SpotFit& found) noexcept {
+  const int rows = spot_.rows(), cols = spot_.cols();
+  const float near_px =
+      std::clamp(kResiduals * found.residual_px, kSurelyNear * pitch_px_, kNear * pitch_px_);
+  const bool scattered = kResiduals * found.residual_px > kNear * pitch_px_;
+  const float surely_px = std::max(kResiduals * found.residual_px, kSurelyAlone * pitch_px_);
+  found.spots = found.light = 0;
+  found.largest_px = 0.0F;
+  int same = 0;
+  int were_lit = 0;
+  for (int r = 0; r < rows; ++r) {
+    const LowOrders::Row row = found.model.along(model_coordinate(static_cast<float>(r), rows));
+    for (int c = 0; c < cols; ++c) {
+      const std::size_t k = as_size(r) * as_size(cols) + as_size(c);
+      const LensletState state = centroids.state[k];
+      spot_[k] = kNothing;
+      were_lit += lit_[k];
+      found.light += has_light(state) ? 1 : 0;
+      const bool weak = state == LensletState::kAtEdge ||
+                        (state == LensletState::kFaint && centroids.flux_adu[k] > 0.0F);
+      if (state != LensletState::kValid && !weak) continue;
+      const auto [at_x, at_y] = row.at(column_u_[as_size(c)]);
+      const float x = centroids.x_px[k] - ref_x_px_[k] - places.x_px[k] - at_x;
+      const float y = centroids.y_px[k] - ref_y_px_[k] - places.y_px[k] - at_y;
+      const float square = x * x + y * y;
+      // Where spots scatter widely anyway, a weak one may be anywhere in its window.
+      if (square > near_px * near_px && !(weak && scattered)) spot_[k] = kFarOff;
+      if (weak || spot_[k] == kFarOff) continue;
+      found.largest_px = std::max(found.largest_px, std::max(std::abs(at_x), std::abs(at_y)));
+      const CentroidPlan::Spot& window = places.windows[k];
+      const float uniform =
+          static_cast<float>(window.w * window.w + window.h * window.h - 2) / 12.0F;
+      const float flux = centroids.flux_adu[k];
+      const float expected = typical * flux_adu_[k];
+      const bool well = centroids.xx_px2[k] + centroids.yy_px2[k] < kOfUniform * uniform &&
+                        flux > kDimmest * expected && flux < kBrightest * expected &&
+                        square < surely_px * surely_px;
+      spot_[k] = well ? kWellFormed : kNearModel;
+      found.spots += well ? 1 : 0;
+      same += lit_[k];
+    }
+  }
+  found.same_lit = static_cast<float>(were_lit - same) <= rim_slack(were_lit) || !has_stepped(same);
+}
+
+/// Returns the median flux over its reference's.
+float SpotJudge::typical_brightness(const Centroids& centroids) noexcept {
+  values_.clear();
+  for (const std::size_t k : sample_)
+    if (centroids.state[k] == LensletState::kValid && flux_adu_[k] > 0.0F)
+      values_.push_back(centroids.flux_adu[k] / flux_adu_[k]);
+  return values_.empty() ? 0.0F : median_of(std::span(values_));
+}
+
+/// Clumps of hot pixels are narrower than light can be. Where many spots are narrow, they are faint
+/// ones, of which the threshold leaves only the tips.
+void SpotJudge::reject_clumps(const Centroids& centroids, float typical, SpotFit& found) noexcept {
+  constexpr int kFew = 20;  // one of so many lenslets with light
+  const auto is_clump = [&](std::size_t k) {
+    return is_spot(spot_[k]) && centroids.flux_adu[k] > typical * flux_adu_[k] &&
+           centroids.xx_px2[k] + centroids.yy_px2[k] < narrowest_px2_;
+  };
+  int clumps = 0;
+  for (std::size_t k = 0; k < spot_.size(); ++k) clumps += is_clump(k) ? 1 : 0;
+  if (clumps == 0 || clumps * kFew > found.light) return;
+  for (std::size_t k = 0; k < spot_.size(); ++k) {
+    if (!is_clump(k)) continue;
+    found.spots -= spot_[k] == kWellFormed ? 1 : 0;
+    spot_[k] = kFarOff;
+  }
+}
+
+/// Returns whether the lenslets with a spot are about as much those that were lit, a pitch away, as
+/// they are those that were lit. `here` is how many of these are.
+bool SpotJudge::has_stepped(int here) const noexcept {
+  const int rows = lit_.rows(), cols = lit_.cols();
+  for (int i = -1; i <= 1; ++i) {
+    for (int j = -1; j <= 1; ++j) {
+      if (i == 0 && j == 0) continue;
+      int n = 0;
+      for (int r = std::max(0, -i); r < std::min(rows, rows - i); ++r)
+        for (int c = std::max(0, -j); c < std::min(cols, cols - j); ++c)
+          n += lit_(r, c) != 0 && is_spot(spot_(r + i, c + j)) ? 1 : 0;
+      if (static_cast<float>(n) >= static_cast<float>(here) - 0.5F * rim_slack(here)) return true;
+    }
+  }
+  return false;
+}
+
+bool SpotJudge::is_believed(const SpotFit& found) const noexcept {
+  return found.spots >= kEnoughLight && found.residual_px <= kRandom * pitch_px_ &&
+         static_cast<float>(found.spots) >= kLeastSpots * static_cast<float>(found.light);
+}
+
+/// Returns which part of the lenslet's neighbours has a well-formed spot.
+float SpotJudge::kept_neighbours(int row, int col) const noexcept {
+  int all = 0;
+  int kept = 0;
+  for (int r = std::max(row - 1, 0); r <= std::min(row + 1, spot_.rows() - 1); ++r) {
+    for (int c = std::max(col - 1, 0); c <= std::min(col + 1, spot_.cols() - 1); ++c) {
+      if (lenslet_(r, c) == 0 || (r == row && c == col)) continue;
+      ++all;
+      kept += spot_(r, c) == kWellFormed ? 1 : 0;
+    }
+  }
+  return all > 0 ? static_cast<float>(kept) / static_cast<float>(all) : 0.0F;
+}
+
+void SpotJudge::judge(Centroids& centroids) const noexcept {
+  constexpr float kAmongSpots = 0.75F;
+  constexpr float kForDark = 0.5F;
+  constexpr float kAlone = 0.25F;
+  for (int r = 0; r < spot_.rows(); ++r) {
+    for (int c = 0; c < spot_.cols(); ++c) {
+      const std::size_t k = as_size(r) * as_size(spot_.cols()) + as_size(c);
+      const LensletState state = centroids.state[k];
+      if (state != LensletState::kValid && state != LensletState::kFaint &&
+          state != LensletState::kAtEdge)
+        continue;
+      // Where a lenslet had its spot in one of the last frames, light fell before and may again.
+      const float kept = seen_[k] > 0 ? 1.0F : kept_neighbours(r, c);
+      const float needed = spot_[k] == kWellFormed  ? kAlone
+                           : spot_[k] == kNearModel ? kAmongSpots
+                                                    : kForDark;
+      if (kept < needed) {
+        lose(centroids, k);
+      } else if (spot_[k] == kFarOff) {
+        darken(centroids, k);
+      }
+    }
+  }
+}
+
+void SpotJudge::remember(const Centroids& centroids) noexcept {
+  for (std::size_t k = 0; k < seen_.size(); ++k) {
+    const bool has = centroids.state[k] == LensletState::kValid;
+    if (!started_)
+      seen_[k] = has ? kSeenMax : 0;
+    else
+      seen_[k] = static_cast<std::int8_t>(std::clamp(seen_[k] + (has ? 1 : -1), 0, +kSeenMax));
+    lit_[k] = 2 * seen_[k] > kSeenMax ? 1 : 0;
+  }
+  started_ = true;
+}
+
+void SpotJudge::lose_all(bool dark, Centroids& centroids) noexcept {
+  for (std::size_t k = 0; k < centroids.state.size(); ++k) {
+    if (has_light(centroids.state[k]))
+      lose(centroids, k);
+    else if (centroids.state[k] == LensletState::kFaint)
+      dark ? darken(centroids, k) : lose(centroids, k);
+  }
+}
+
+}  // namespace curlew
