@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <functional>
 #include <memory>
+#include <thread>
 
 #include "acquisition/fits/partial_path.h"
 #include "acquisition/recording/fits_source.h"
@@ -14,6 +15,9 @@
 #include "service/commands/commands.h"
 #include "service/commands/force_flag.h"
 #include "service/commands/pipeline_flags.h"
+#include "service/page/frame_store.h"
+#include "service/page/page_server.h"
+#include "service/page/report.h"
 #include "service/picture/frame_picture.h"
 #include "service/pipeline.h"
 #include "service/program/interrupt.h"
@@ -40,6 +44,8 @@ struct ReplayOptions {
   std::string out;
   std::string jsonl;
   std::string picture;
+  std::string page;  ///< where the page is served; empty: there is none
+  std::string report;
   std::vector<std::string> save;
   double pace_hz = 0.0;
   std::int64_t show = 3;
@@ -101,6 +107,7 @@ void check_usage(const ReplayOptions& options, const FramePictureOptions& pictur
   inputs.push_back(options.pipeline.config);
   check_output(options.out, inputs, options.existing);
   check_output(picture.path, inputs, options.existing);
+  check_output(options.report, inputs, options.existing);
   check_stream_output(options.jsonl, inputs, options.existing);
   if (!options.save.empty() && options.out.empty())
     throw UsageError("--save goes into --out, name a file there");
@@ -132,10 +139,50 @@ struct ReplayFiles {
   }
 };
 
+/// The frames that page and report show, and the server of the page, where the user asked for them.
+class ShownFrames {
+ public:
+  ShownFrames(const ReplayOptions& options, std::shared_ptr<const Plan> plan) {
+    constexpr std::size_t kMostFrames = 1000;
+    constexpr std::size_t kMostBytes = 256'000'000;
+    if (!wanted(options)) return;
+    store_ = std::make_unique<FrameStore>(std::move(plan), options.recordings.front(), kMostFrames,
+                                          kMostBytes);
+    if (options.page.empty()) return;
+    server_ = std::make_unique<PageServer>(PageOptions{.listen = options.page}, *store_);
+    fmt::print("the page is at {}\n", server_->url());
+    std::fflush(stdout);
+  }
+  FrameStore* store() const { return store_.get(); }
+
+  static bool wanted(const ReplayOptions& options) {
+    return !options.page.empty() || !options.report.empty();
+  }
+  /// There are no more frames; writes the report.
+  void finish(const ReplayOptions& options) const {
+    if (!store_) return;
+    store_->finish();
+    if (options.report.empty()) return;
+    write_report(options.report, *store_);
+    fmt::print("\n{}: the report, which any browser opens\n", options.report);
+  }
+  /// Shows the frames until the user ends the program.
+  void wait() const {
+    if (!server_) return;
+    fmt::print("\nthe page at {} shows the frames; Ctrl-C ends it\n", server_->url());
+    std::fflush(stdout);
+    while (!interrupted()) std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  }
+
+ private:
+  std::unique_ptr<FrameStore> store_;
+  std::unique_ptr<PageServer> server_;  ///< the last, because it uses the store
+};
+
 RunReport run_pipeline(const ReplayOptions& options, const Config& config,
                        const std::shared_ptr<const Plan>& plan, FitsSource& source,
                        ThreadPlacement& placement, const ReplayFiles& files, VortexPrinter& printer,
-                       const std::function<void(const FrameSlot&)>& draw) {
+                       const std::function<void(const FrameSlot&)>& draw, FrameStore* shown) {
   FrameResult result(plan->detect.capacity());
   Progress progress("replay", source.frame_count());
   Pipeline pipeline(plan, config.pipeline, placement.thread_start());
@@ -151,6 +198,7 @@ RunReport run_pipeline(const ReplayOptions& options, const Config& config,
       result.copy(slot, dropped);
       files.lines->add(result);
     }
+    if (shown != nullptr) shown->add(slot, dropped);
     printer.add(slot);
     progress.step();
   };
@@ -178,7 +226,7 @@ void replay(const ReplayOptions& options) {
   check_usage(options, picture);
   const SaveOptions save = save_options_from(options.save);
   Config config = options.pipeline.configuration();
-  config.split.hidden_phase |= save.whole_phase;
+  config.split.hidden_phase |= save.whole_phase || ShownFrames::wanted(options);
   Sensor sensor = read_sensor(options.sensor);
   FitsSource source(options.recordings, selection_of(options));
   add_bad_pixels(sensor, source.nan_pixels());
@@ -200,8 +248,9 @@ void replay(const ReplayOptions& options) {
     write_frame_picture(picture.path, sensor, slot);
     drawn = true;
   };
+  const ShownFrames shown(options, plan);
   const RunReport report =
-      run_pipeline(options, config, plan, source, placement, files, printer, draw);
+      run_pipeline(options, config, plan, source, placement, files, printer, draw, shown.store());
   files.commit();
   printer.summarize();
   print_summary(report, config, placement);
@@ -212,7 +261,9 @@ void replay(const ReplayOptions& options) {
   if (!drawn && picture.frame >= 0)
     throw Failure(
         fmt::format("--picture: there is no frame {}, only {}", picture.frame, report.frames));
+  shown.finish(options);
   if (const std::string why = nothing_measured(report); !why.empty()) throw Failure(why);
+  shown.wait();
 }
 
 }  // namespace
@@ -241,6 +292,15 @@ void add_replay(CLI::App& app) {
                       "file to write with one JSON object a frame; - for standard output");
   command->add_option("--picture", options->picture,
                       "FRAME:FILE.png: PNG to draw a frame into, with its slopes and vortices");
+  command
+      ->add_option("--page", options->page,
+                   "show the frames as a page in the browser, at ADDRESS:PORT "
+                   "(default 127.0.0.1:8080), until Ctrl-C")
+      ->expected(0, 1)
+      ->default_str("127.0.0.1:8080");
+  command->add_option(
+      "--report", options->report,
+      "HTML file to write: the page with its frames, which opens without a network");
   add_force_flag(*command, options->existing);
   options->pipeline.add_to(*command);
   command->add_option("--pace", options->pace_hz,
