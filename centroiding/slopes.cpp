@@ -26,9 +26,6 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// Optics leave spots that telescopes blur off a smooth field by .06 to .08 of their σ.
-constexpr float kSystematicOfBroadening = 0.08F;
-
 /// Computes slopes a vector at a time, without branches. Every product and sum is rounded by
 /// itself, so that all instruction sets give the same.
 template <class D>
@@ -83,14 +80,10 @@ class SlopeKernel {
     return hn::Load(D(), values);
   }
 
-  /// Returns the variance along an axis of a spot, px², with that of where optics leave it.
-  HWY_INLINE V noise(V measured, V moment, M weak) const {
+  /// Returns the noise variance along an axis of a spot, px².
+  HWY_INLINE V noise(V measured, M weak) const {
     const M narrow = hn::Not(hn::Gt(measured, hn::Zero(D())));
-    const V spot = hn::IfThenElse(hn::And(weak, narrow), set(plan_.spot_variance_px2), measured);
-    const V broader = hn::Max(hn::Sub(moment, set(plan_.reference_variance_px2)), hn::Zero(D()));
-    const V of_broadening =
-        hn::Mul(set(kSystematicOfBroadening * kSystematicOfBroadening), broader);
-    return hn::Add(spot, hn::Add(set(plan_.systematic_variance_px2), of_broadening));
+    return hn::IfThenElse(hn::And(weak, narrow), set(plan_.spot_variance_px2), measured);
   }
 
   /// Returns a·x + b·y and a·x + b·y + c·z.
@@ -139,13 +132,11 @@ class SlopeKernel {
     const auto [dx, vx] =
         along(hn::Sub(true_px(centroids_.x_px, k), load(plan_.ref_x_px, k)),
               only_if(measured, load(centroids_.moved_x_px, k)), low_x, dark, gx,
-              load(plan_.gain_error_x, k),
-              noise(load(centroids_.variance_x_px2, k), load(centroids_.xx_px2, k), weak));
+              load(plan_.gain_error_x, k), noise(load(centroids_.variance_x_px2, k), weak));
     const auto [dy, vy] =
         along(hn::Sub(true_px(centroids_.y_px, k), load(plan_.ref_y_px, k)),
               only_if(measured, load(centroids_.moved_y_px, k)), low_y, dark, gy,
-              load(plan_.gain_error_y, k),
-              noise(load(centroids_.variance_y_px2, k), load(centroids_.yy_px2, k), weak));
+              load(plan_.gain_error_y, k), noise(load(centroids_.variance_y_px2, k), weak));
     const V c = hn::Mul(hn::Mul(load(centroids_.covariance_xy_px2, k), gx), gy);
 
     const float m11 = plan_.m11, m12 = plan_.m12, m21 = plan_.m21, m22 = plan_.m22;

@@ -30,10 +30,9 @@ struct SlopePlan {
   /// This is the variance of a spot's core. It stands in for that of weak spots whose own variance
   /// is 0.
   float spot_variance_px2 = 0;
-  /// Optics and aliasing leave a spot off any smooth field. This error is no noise, for it is the
-  /// same in every frame: .03 of the reference spot's σ, and .08 of what a spot is wider than that.
-  /// Its variance enters that of every spot. The first of these is 0, and the second infinite,
-  /// where the reference spot is not known.
+  /// Optics and aliasing leave a spot off any smooth field, by .03 of the reference spot's σ.
+  /// add_systematic_error() adds this to the noise. It is 0, and the variance below infinite, where
+  /// the reference spot is not known.
   float systematic_variance_px2 = 0;
   float reference_variance_px2 = 0;  ///< σ² of the reference spots above the threshold
   /// This is the variance of a spot that may be anywhere in its window, in rad² per pitch².
@@ -50,8 +49,9 @@ struct SlopePlan {
 
 /// Computes the slopes s = w·G (rad per pitch, along column and row axis) and their noise from the
 /// centroids. [rows, cols] of all three must agree. Variances and covariance pass through the same
-/// linear map. A lenslet whose centroid is not valid is missing: its `valid` is 0, and its other
-/// values are zeros. A spot exactly on its reference has a slope of exactly 0.
+/// linear map; systematic errors are not in them. A lenslet whose centroid is not valid is missing:
+/// its `valid` is 0, and its other values are zeros. A spot exactly on its reference has a slope of
+/// exactly 0.
 void measure_slopes(const SlopePlan& plan, const Centroids& centroids, SlopeField& slopes) noexcept;
 
 /// Computes slopes as measure_slopes() does, but keeps weak spots with the noise that they have.

@@ -4,7 +4,9 @@
 #include <string>
 #include <utility>
 
+#include "centroiding/cell_sample.h"
 #include "centroiding/field_turn.h"
+#include "centroiding/systematic_error.h"
 #include "core/error.h"
 #include "core/memory_limit.h"
 #include "service/sensor/sensor_file.h"
@@ -30,7 +32,12 @@ void centroid(const Plan& plan, FrameSlot& slot) noexcept {
 
 void slopes(const Plan& plan, FrameSlot& slot) noexcept {
   measure_all_slopes(plan.slopes, slot.centroids, slot.weak_slopes, slot.slopes);
-  subtract_turn(slot.centroids, slot.weak_slopes);
+  CellSample sample;
+  sample_cells(slot.centroids, slot.weak_slopes, sample);
+  subtract_turn(slot.centroids, sample, slot.weak_slopes);
+  const float part = systematic_part(sample, slot.weak_slopes);
+  add_systematic_error(plan.slopes, slot.centroids, part, slot.weak_slopes);
+  add_systematic_error(plan.slopes, slot.centroids, part, slot.slopes);
 }
 
 void detect(const Plan& plan, FrameSlot& slot) noexcept {

@@ -33,6 +33,11 @@ struct Field {
       }
     }
   }
+  float subtract() {
+    CellSample sample;
+    sample_cells(centroids, slopes, sample);
+    return subtract_turn(centroids, sample, slopes);
+  }
   Centroids centroids;
   SlopeField slopes;
 };
@@ -41,7 +46,7 @@ TEST(FieldTurn, IsTakenOutExactly) {
   for (const double turn : {0.5, -0.02}) {
     Field field;
     field.add(turn, 0.0, 0.0);
-    EXPECT_NEAR(subtract_turn(field.centroids, field.slopes), turn, 1e-5);
+    EXPECT_NEAR(field.subtract(), turn, 1e-5);
     for (std::size_t k = 0; k < field.slopes.x.size(); ++k) {
       EXPECT_NEAR(field.slopes.x[k], 0.0, 1e-4);
       EXPECT_NEAR(field.slopes.y[k], 0.0, 1e-4);
@@ -55,7 +60,7 @@ TEST(FieldTurn, AVortexStaysWholeWhereThePatternIsTurned) {
   Field turned, straight;
   turned.add(0.4, 1.0, 0.05, kSeed);
   straight.add(0.0, 1.0, 0.05, kSeed);
-  subtract_turn(turned.centroids, turned.slopes);
+  turned.subtract();
   for (std::size_t k = 0; k < turned.slopes.x.size(); ++k) {
     EXPECT_NEAR(turned.slopes.x[k], straight.slopes.x[k], 0.08);
     EXPECT_NEAR(turned.slopes.y[k], straight.slopes.y[k], 0.08);
@@ -67,7 +72,7 @@ TEST(FieldTurn, NoiseIsLeftAlone) {
   for (unsigned seed = 0; seed < 200; ++seed) {
     Field field;
     field.add(0.0, 0.0, 0.1, seed);
-    if (subtract_turn(field.centroids, field.slopes) != 0.0F) ++changed;
+    if (field.subtract() != 0.0F) ++changed;
   }
   EXPECT_LE(changed, 1);
 }
@@ -81,7 +86,7 @@ TEST(FieldTurn, DarkAndMissingLensletsKeepTheirSlopes) {
   field.slopes.valid[1] = 0;
   for (const std::size_t k : {std::size_t{0}, std::size_t{1}})
     field.slopes.x[k] = field.slopes.y[k] = 0.0F;
-  subtract_turn(field.centroids, field.slopes);
+  field.subtract();
   for (const std::size_t k : {std::size_t{0}, std::size_t{1}}) {
     EXPECT_EQ(field.slopes.x[k], 0.0F);
     EXPECT_EQ(field.slopes.y[k], 0.0F);
@@ -96,7 +101,7 @@ TEST(FieldTurn, AFewCellsTellNoTurn) {
       if (r >= 7) field.centroids.state(r, c) = LensletState::kFaint;
   for (int r = 0; r < 7; ++r)
     for (int c = 7; c < kSide; ++c) field.centroids.state(r, c) = LensletState::kFaint;
-  EXPECT_EQ(subtract_turn(field.centroids, field.slopes), 0.0F);
+  EXPECT_EQ(field.subtract(), 0.0F);
 }
 
 }  // namespace

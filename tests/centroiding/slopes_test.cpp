@@ -215,16 +215,13 @@ std::array<float, 5> plain_slope(const SlopePlan& plan, const Centroids& centroi
                               centroids.moved_x_px[k], centroids.low_x_px[k], plan.gain_error_x[k]);
   const auto [dy, ey] = along(centroids.y_px[k], plan.ref_y_px[k], plan.inverse_gain_y[k],
                               centroids.moved_y_px[k], centroids.low_y_px[k], plan.gain_error_y[k]);
-  const auto noise = [&](float measured, float moment) {
-    const float spot = weak && !(measured > 0.0F) ? plan.spot_variance_px2 : measured;
-    constexpr float kOfBroadening = 0.08F * 0.08F;
-    return spot + (plan.systematic_variance_px2 +
-                   kOfBroadening * std::max(moment - plan.reference_variance_px2, 0.0F));
+  const auto noise = [&](float measured) {
+    return weak && !(measured > 0.0F) ? plan.spot_variance_px2 : measured;
   };
   const float gx = dark ? 0.0F : plan.inverse_gain_x[k];
   const float gy = dark ? 0.0F : plan.inverse_gain_y[k];
-  const float vx = noise(centroids.variance_x_px2[k], centroids.xx_px2[k]) * gx * gx + ex * ex;
-  const float vy = noise(centroids.variance_y_px2[k], centroids.yy_px2[k]) * gy * gy + ey * ey;
+  const float vx = noise(centroids.variance_x_px2[k]) * gx * gx + ex * ex;
+  const float vy = noise(centroids.variance_y_px2[k]) * gy * gy + ey * ey;
   const float c = centroids.covariance_xy_px2[k] * gx * gy;
   const float m11 = plan.m11, m12 = plan.m12, m21 = plan.m21, m22 = plan.m22;
   float variance_x = m11 * m11 * vx + 2.0F * m11 * m12 * c + m12 * m12 * vy;
