@@ -11,6 +11,7 @@
 #include "acquisition/recording/fits_source.h"
 #include "centroiding/calibration/frame_noise.h"
 #include "core/error.h"
+#include "service/air/air_table.h"
 #include "service/commands/commands.h"
 #include "service/commands/force_flag.h"
 #include "service/commands/pipeline_flags.h"
@@ -22,6 +23,7 @@
 #include "service/results/json_lines.h"
 #include "service/results/latency_report.h"
 #include "service/results/results_file.h"
+#include "service/results/track_summary.h"
 #include "service/results/truth_match.h"
 #include "service/results/vortex_printer.h"
 #include "service/sensor/optics_comparison.h"
@@ -41,6 +43,7 @@ struct ReplayOptions {
   std::string jsonl;
   std::string picture;
   std::vector<std::string> save;
+  AirOptions air;
   double pace_hz = 0.0;
   std::int64_t show = 3;
   Existing existing = Existing::kRefused;
@@ -132,9 +135,29 @@ struct ReplayFiles {
   }
 };
 
+/// What is printed of the frames.
+struct ReplayTables {
+  VortexPrinter vortices;
+  TrackSummary tracks;
+  std::unique_ptr<AirTable> air;  ///< null if it was not asked for
+
+  void add(const FrameSlot& slot) {
+    vortices.add(slot);
+    tracks.add(slot);
+    if (air) air->add(slot);
+  }
+  void print() const {
+    constexpr std::size_t kMostTracks = 12;
+    vortices.summarize();
+    if (const std::string text = tracks.text(kMostTracks); !text.empty())
+      fmt::print("\n{}\n", text);
+    if (air) fmt::print("{}\n", air->text());
+  }
+};
+
 RunReport run_pipeline(const ReplayOptions& options, const Config& config,
                        const std::shared_ptr<const Plan>& plan, FitsSource& source,
-                       ThreadPlacement& placement, const ReplayFiles& files, VortexPrinter& printer,
+                       ThreadPlacement& placement, const ReplayFiles& files, ReplayTables& tables,
                        const std::function<void(const FrameSlot&)>& draw) {
   FrameResult result(plan->detect.capacity());
   Progress progress("replay", source.frame_count());
@@ -151,7 +174,7 @@ RunReport run_pipeline(const ReplayOptions& options, const Config& config,
       result.copy(slot, dropped);
       files.lines->add(result);
     }
-    printer.add(slot);
+    tables.add(slot);
     progress.step();
   };
   return pipeline.run(feed, publisher);
@@ -192,7 +215,8 @@ void replay(const ReplayOptions& options) {
   print_input(options, source, sensor);
   if (!options.out.empty())
     files.results = std::make_unique<ResultsFile>(options.out, *plan, save, source.frame_count());
-  VortexPrinter printer(truth, *plan, options.show);
+  ReplayTables tables{VortexPrinter(truth, *plan, options.show), {}, {}};
+  if (options.air.window_s > 0.0) tables.air = std::make_unique<AirTable>(*plan, options.air);
   ThreadPlacement placement(config.pipeline.cpus, config.realtime.priority);
   bool drawn = false;
   const auto draw = [&](const FrameSlot& slot) {
@@ -201,9 +225,10 @@ void replay(const ReplayOptions& options) {
     drawn = true;
   };
   const RunReport report =
-      run_pipeline(options, config, plan, source, placement, files, printer, draw);
+      run_pipeline(options, config, plan, source, placement, files, tables, draw);
+  if (files.results && tables.air) files.results->append(tables.air->table());
   files.commit();
-  printer.summarize();
+  tables.print();
   print_summary(report, config, placement);
   if (interrupted())
     throw Failure(fmt::format("interrupted: the files hold the first {} of {} frames",
@@ -213,6 +238,20 @@ void replay(const ReplayOptions& options) {
     throw Failure(
         fmt::format("--picture: there is no frame {}, only {}", picture.frame, report.frames));
   if (const std::string why = nothing_measured(report); !why.empty()) throw Failure(why);
+}
+
+void add_air_flags(CLI::App& command, AirOptions& air) {
+  auto* window = command
+                     .add_option("--air", air.window_s,
+                                 "estimate the air (r0, scintillation, wind) over so many seconds "
+                                 "at a time, or frames where no clock is known")
+                     ->check(CLI::Range(1e-3, 1e6));
+  command
+      .add_option("--fresnel", air.fresnel_pitches,
+                  "square root of wavelength times path, in pitches at the lenslets, of a path "
+                  "through even air; 0: the air is near")
+      ->check(CLI::Range(0.0, 1e4))
+      ->needs(window);
 }
 
 }  // namespace
@@ -235,7 +274,8 @@ void add_replay(CLI::App& app) {
   command
       ->add_option(
           "--save", options->save,
-          "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation,zernike")
+          "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation,zernike,"
+          "frame")
       ->delimiter(',');
   command->add_option("--jsonl", options->jsonl,
                       "file to write with one JSON object a frame; - for standard output");
@@ -243,6 +283,7 @@ void add_replay(CLI::App& app) {
                       "FRAME:FILE.png: PNG to draw a frame into, with its slopes and vortices");
   add_force_flag(*command, options->existing);
   options->pipeline.add_to(*command);
+  add_air_flags(*command, options->air);
   command->add_option("--pace", options->pace_hz,
                       "greatest rate at which frames are delivered, Hz");
   command->add_option("--show", options->show, "how many frames' vortices are printed (default 3)");
