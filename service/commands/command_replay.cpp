@@ -12,6 +12,7 @@
 #include "acquisition/recording/fits_source.h"
 #include "centroiding/calibration/frame_noise.h"
 #include "core/error.h"
+#include "service/air/air_table.h"
 #include "service/commands/commands.h"
 #include "service/commands/force_flag.h"
 #include "service/commands/pipeline_flags.h"
@@ -26,6 +27,7 @@
 #include "service/results/json_lines.h"
 #include "service/results/latency_report.h"
 #include "service/results/results_file.h"
+#include "service/results/track_summary.h"
 #include "service/results/truth_match.h"
 #include "service/results/vortex_printer.h"
 #include "service/sensor/optics_comparison.h"
@@ -47,6 +49,7 @@ struct ReplayOptions {
   std::string page;  ///< where the page is served; empty: there is none
   std::string report;
   std::vector<std::string> save;
+  AirOptions air;
   double pace_hz = 0.0;
   std::int64_t show = 3;
   Existing existing = Existing::kRefused;
@@ -179,9 +182,29 @@ class ShownFrames {
   std::unique_ptr<PageServer> server_;  ///< the last, because it uses the store
 };
 
+/// What is printed of the frames.
+struct ReplayTables {
+  VortexPrinter vortices;
+  TrackSummary tracks;
+  std::unique_ptr<AirTable> air;  ///< null if it was not asked for
+
+  void add(const FrameSlot& slot) {
+    vortices.add(slot);
+    tracks.add(slot);
+    if (air) air->add(slot);
+  }
+  void print() const {
+    constexpr std::size_t kMostTracks = 12;
+    vortices.summarize();
+    if (const std::string text = tracks.text(kMostTracks); !text.empty())
+      fmt::print("\n{}\n", text);
+    if (air) fmt::print("{}\n", air->text());
+  }
+};
+
 RunReport run_pipeline(const ReplayOptions& options, const Config& config,
                        const std::shared_ptr<const Plan>& plan, FitsSource& source,
-                       ThreadPlacement& placement, const ReplayFiles& files, VortexPrinter& printer,
+                       ThreadPlacement& placement, const ReplayFiles& files, ReplayTables& tables,
                        const std::function<void(const FrameSlot&)>& draw, FrameStore* shown) {
   FrameResult result(plan->detect.capacity());
   Progress progress("replay", source.frame_count());
@@ -199,7 +222,7 @@ RunReport run_pipeline(const ReplayOptions& options, const Config& config,
       files.lines->add(result);
     }
     if (shown != nullptr) shown->add(slot, dropped);
-    printer.add(slot);
+    tables.add(slot);
     progress.step();
   };
   return pipeline.run(feed, publisher);
@@ -240,7 +263,8 @@ void replay(const ReplayOptions& options) {
   print_input(options, source, sensor);
   if (!options.out.empty())
     files.results = std::make_unique<ResultsFile>(options.out, *plan, save, source.frame_count());
-  VortexPrinter printer(truth, *plan, options.show);
+  ReplayTables tables{VortexPrinter(truth, *plan, options.show), {}, {}};
+  if (options.air.window_s > 0.0) tables.air = std::make_unique<AirTable>(*plan, options.air);
   ThreadPlacement placement(config.pipeline.cpus, config.realtime.priority);
   bool drawn = false;
   const auto draw = [&](const FrameSlot& slot) {
@@ -250,9 +274,10 @@ void replay(const ReplayOptions& options) {
   };
   const ShownFrames shown(options, plan);
   const RunReport report =
-      run_pipeline(options, config, plan, source, placement, files, printer, draw, shown.store());
+      run_pipeline(options, config, plan, source, placement, files, tables, draw, shown.store());
+  if (files.results && tables.air) files.results->append(tables.air->table());
   files.commit();
-  printer.summarize();
+  tables.print();
   print_summary(report, config, placement);
   if (interrupted())
     throw Failure(fmt::format("interrupted: the files hold the first {} of {} frames",
@@ -264,6 +289,20 @@ void replay(const ReplayOptions& options) {
   shown.finish(options);
   if (const std::string why = nothing_measured(report); !why.empty()) throw Failure(why);
   shown.wait();
+}
+
+void add_air_flags(CLI::App& command, AirOptions& air) {
+  auto* window = command
+                     .add_option("--air", air.window_s,
+                                 "estimate the air (r0, scintillation, wind) over so many seconds "
+                                 "at a time, or frames where no clock is known")
+                     ->check(CLI::Range(1e-3, 1e6));
+  command
+      .add_option("--fresnel", air.fresnel_pitches,
+                  "square root of wavelength times path, in pitches at the lenslets, of a path "
+                  "through even air; 0: the air is near")
+      ->check(CLI::Range(0.0, 1e4))
+      ->needs(window);
 }
 
 }  // namespace
@@ -286,7 +325,8 @@ void add_replay(CLI::App& app) {
   command
       ->add_option(
           "--save", options->save,
-          "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation,zernike")
+          "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation,zernike,"
+          "frame")
       ->delimiter(',');
   command->add_option("--jsonl", options->jsonl,
                       "file to write with one JSON object a frame; - for standard output");
@@ -303,6 +343,7 @@ void add_replay(CLI::App& app) {
       "HTML file to write: the page with its frames, which opens without a network");
   add_force_flag(*command, options->existing);
   options->pipeline.add_to(*command);
+  add_air_flags(*command, options->air);
   command->add_option("--pace", options->pace_hz,
                       "greatest rate at which frames are delivered, Hz");
   command->add_option("--show", options->show, "how many frames' vortices are printed (default 3)");

@@ -38,6 +38,8 @@ void ModeResults::add(const FrameSlot& slot) {
   fit_.fit(slot.slopes);
   const Eigen::VectorXd& c = fit_.coefficients();
   for (const double coefficient : c) coefficients_.push_back(static_cast<float>(coefficient));
+  for (const double error : fit_.find_errors(slot.slopes))
+    errors_.push_back(static_cast<float>(error));
   const WavefrontFigures figures = measure_wavefront(slot.split.phase, slot.slopes.valid);
   // From rim to rim of the disc Z2 and Z3 go from −2 to 2, and from centre to rim Z4 by 2√3. Over
   // an annulus of inner radius ε the modes are Z2/√(1 + ε²) and Z4/(1 − ε²), but for the piston.
@@ -64,6 +66,8 @@ void ModeResults::write(FitsFile& file) const {
   file.write_key("ZERNR", pupil.radius, "radius of the pupil, pitches");
   file.write_key("ZERNEPS", pupil.obscuration, "inner radius over radius; 0: disc");
   if (frames > 0) file.write_pixels<float>(0, coefficients_);
+  file.create_image(ElementType::kF32, {frames, modes}, "ZERNIKE_ERR", "rad");
+  if (frames > 0) file.write_pixels<float>(0, errors_);
   MemoryTable names("ZERNIKE_MODES", {{"NOLL", 'J', ""}, {"N", 'J', ""}, {"M", 'J', ""}});
   for (int i = 0; i < plan_.modes(); ++i) {
     const Zernike& zernike = plan_.zernike(i);

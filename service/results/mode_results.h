@@ -19,7 +19,8 @@ class ModeResults {
   explicit ModeResults(const Plan& plan);
 
   void add(const FrameSlot& slot);
-  /// Appends the image ZERNIKE and the tables ZERNIKE_MODES and WAVEFRONT to the file.
+  /// Appends the images ZERNIKE and ZERNIKE_ERR and the tables ZERNIKE_MODES and WAVEFRONT to the
+  /// file.
   void write(FitsFile& file) const;
 
  private:
@@ -27,6 +28,7 @@ class ModeResults {
   ModeFit fit_;
   double wavelength_m_;
   std::vector<float> coefficients_;  ///< [frames, modes]
+  std::vector<float> errors_;        ///< [frames, modes]
   MemoryTable wavefront_;
 };
 

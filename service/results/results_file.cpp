@@ -56,6 +56,21 @@ std::vector<float> circulation_plane(const FrameSlot& slot) {
   return plane;
 }
 
+template <typename Pixel>
+std::vector<float> adu_of(const FrameSlot& slot) {
+  const FrameFormat& format = slot.frame->format();
+  const Pixel* pixels = slot.frame->view().data<Pixel>();
+  std::vector<float> plane(format.pixels());
+  std::transform(pixels, pixels + plane.size(), plane.begin(), [&](Pixel count) {
+    return static_cast<float>(format.zero_adu + format.scale_adu * count);
+  });
+  return plane;
+}
+std::vector<float> frame_plane(const FrameSlot& slot) {
+  return slot.frame->format().pixel_type == PixelType::kU8 ? adu_of<std::uint8_t>(slot)
+                                                           : adu_of<std::uint16_t>(slot);
+}
+
 std::string upper(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
                  [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
@@ -89,10 +104,12 @@ SaveOptions save_options_from(const std::vector<std::string>& words) {
       save.circulation = true;
     } else if (word == "zernike") {
       save.zernike = true;
+    } else if (word == "frame") {
+      save.frame = true;
     } else {
       throw UsageError(
           "--save: '" + word +
-          "' is none of slopes, flux, phase, whole_phase, solenoidal, circulation, zernike");
+          "' is none of slopes, flux, phase, whole_phase, solenoidal, circulation, zernike, frame");
     }
   }
   return save;
@@ -169,6 +186,8 @@ ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOp
   add_cube(save.solenoidal, "SOLENOIDAL", "rad", {2, rows, cols}, solenoidal_plane);
   if (save.zernike) modes_ = std::make_unique<ModeResults>(plan);
   add_cube(save.circulation, "CIRCULATION", "rad", {rows - 1, cols - 1}, circulation_plane);
+  add_cube(save.frame, "FRAME", "adu", {plan.centroid.frame_rows, plan.centroid.frame_cols},
+           frame_plane);
 }
 
 void ResultsFile::add(const FrameSlot& slot) {
@@ -190,6 +209,7 @@ void ResultsFile::add(const FrameSlot& slot) {
                          pixel[1], v.flags, v.track, v.probability, v.variance_x, v.variance_y,
                          v.covariance_xy, v.velocity_x, v.velocity_y);
   }
+  tracks_.add(slot);
   for (std::size_t hole = 0; hole < slot.split.holes.size(); ++hole) {
     const HoleCirculation& h = slot.split.holes[hole];
     hole_table_.append(frame, hole, h.circulation, h.x, h.y, h.one_sublattice ? 1 : 0);
@@ -216,7 +236,9 @@ void ResultsFile::commit() {
   frame_table_.write(file_);
   vortex_table_.write(file_);
   hole_table_.write(file_);
+  tracks_.table().write(file_);
   latency_table_.write(file_);
+  for (const MemoryTable& table : more_tables_) table.write(file_);
   if (modes_) modes_->write(file_);
   file_.commit();
 }

@@ -4,11 +4,13 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "acquisition/fits/fits_file.h"
 #include "service/results/memory_table.h"
 #include "service/results/mode_results.h"
+#include "service/results/track_summary.h"
 #include "service/stages.h"
 
 namespace curlew {
@@ -21,11 +23,12 @@ struct SaveOptions {
   bool whole_phase = false;  ///< only for plans with a hidden phase
   bool solenoidal = false;
   bool circulation = false;
+  bool frame = false;    ///< the frames themselves
   bool zernike = false;  ///< the coefficients, and the tables that go with them
 };
 
 /// Makes the options from some of the words slopes, flux, phase, whole_phase, solenoidal,
-/// circulation and zernike. Throws UsageError, which names an unknown word.
+/// circulation, zernike and frame. Throws UsageError, which names an unknown word.
 SaveOptions save_options_from(const std::vector<std::string>& words);
 
 /// Writes the images frame by frame, and the tables, which are kept in memory, at commit(). Without
@@ -39,6 +42,8 @@ class ResultsFile {
   void add(const FrameSlot& slot);
   /// Adds the frame's latency, once it is complete and add() was called.
   void add_latency(const FrameSlot& slot);
+  /// Keeps one more table for commit(). Its name is none of the tables that are written anyway.
+  void append(MemoryTable table) { more_tables_.push_back(std::move(table)); }
   void commit();
 
  private:
@@ -58,6 +63,8 @@ class ResultsFile {
   MemoryTable vortex_table_;
   MemoryTable hole_table_;
   MemoryTable latency_table_;
+  TrackSummary tracks_;
+  std::vector<MemoryTable> more_tables_;
   std::unique_ptr<ModeResults> modes_;  ///< null if they are not saved
 };
 
