@@ -74,7 +74,7 @@ void gather(const Json& json, const std::string& name, std::optional<Figure> rea
     }
     for (const auto& [key, value] : json.items()) {
       const bool is_read = key == "read";
-      gather(value, name.empty() ? key : name + " / " + key,
+      gather(value, name.empty() ? key : fmt::format("{} / {}", name, key),
              is_read ? std::optional<Figure>{} : read, figures);
     }
   }
