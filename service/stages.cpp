@@ -38,13 +38,6 @@ void detect(const Plan& plan, FrameSlot& slot) noexcept {
                     slot.detect_workspace, slot.circulation, slot.candidates);
 }
 
-/// Returns the time by the camera's clock, else the time of receipt, else one second a frame.
-double time_s(const FrameHeader& header) noexcept {
-  if (header.camera_ns != 0) return 1e-9 * static_cast<double>(header.camera_ns);
-  if (header.received_ns != 0) return 1e-9 * static_cast<double>(header.received_ns);
-  return static_cast<double>(header.sequence);
-}
-
 void track(const Plan& plan, FrameSlot& slot) noexcept {
   if (slot.tracker != nullptr) {
     slot.tracked.assign(slot.candidates);
@@ -92,6 +85,12 @@ const std::array<Stage, kStageCount> kStages = {{
     {"split", split},
     {"hidden", hidden},
 }};
+
+double time_s(const FrameHeader& header) noexcept {
+  if (header.camera_ns != 0) return 1e-9 * static_cast<double>(header.camera_ns);
+  if (header.received_ns != 0) return 1e-9 * static_cast<double>(header.received_ns);
+  return static_cast<double>(header.sequence);
+}
 
 Plan::Plan(const Sensor& sensor, const FrameFormat& format, Config settings)
     : config(std::move(settings)),

@@ -103,4 +103,8 @@ struct Stage {
 
 extern const std::array<Stage, kStageCount> kStages;
 
+/// Returns when a frame was, for the tracker: the time by the camera's clock, else the time of
+/// receipt, else one second a frame.
+double time_s(const FrameHeader& header) noexcept;
+
 }  // namespace curlew
