@@ -16,6 +16,8 @@ namespace {
 constexpr float kFollowed = 0.15F;    // Windows stay while the spots' low orders are within this.
 constexpr float kCentred = 0.1F;      // A spot farther from its window's middle gets it centred.
 constexpr float kCutOff = 0.2F;       // A window that the frame holds back by more loses light.
+constexpr float kHome = 0.1F;         // Windows settle at home if the low orders are within this,
+constexpr float kRounded = 0.025F;    // and else at low orders that are multiples of this.
 constexpr float kStep = 0.3F;         // The windows are moved this far without a new search.
 constexpr float kNear = 0.42F;        // A spot farther from the fit is another lenslet's.
 constexpr float kSurelyNear = 0.3F;   // One nearer than this never is.
@@ -396,9 +398,52 @@ void WindowFollower::remember(const Centroids& centroids) noexcept {
       seen_[k] = has ? kSeenMax : 0;
     else
       seen_[k] = static_cast<std::int8_t>(std::clamp(seen_[k] + (has ? 1 : -1), 0, +kSeenMax));
-    lit_[k] = 2 * seen_[k] > kSeenMax ? 1 : 0;
   }
   started_ = true;
+  mark_lit();
+}
+
+void WindowFollower::mark_lit() noexcept {
+  for (std::size_t k = 0; k < seen_.size(); ++k) lit_[k] = 2 * seen_[k] > kSeenMax ? 1 : 0;
+}
+
+FollowerMemory WindowFollower::memory() const {
+  return {.frames = frames_, .started = started_, .model = model_, .seen = seen_};
+}
+
+void WindowFollower::recall(const CentroidPlan& plan, const LevelPlan& level_plan,
+                            const FollowerMemory& memory) {
+  check_size("WindowFollower", "remembered lenslets", size_of(memory.seen), size_of(seen_));
+  frames_ = memory.frames;
+  started_ = memory.started;
+  seen_ = memory.seen;
+  if (started_)
+    mark_lit();
+  else
+    lit_ = lenslet_;
+  place_windows(plan, level_plan, memory.model);
+}
+
+/// Returns where the windows belong for spots of these low orders, whatever they were before.
+LowOrders WindowFollower::settled_model(const LowOrders& spots) const noexcept {
+  const int rows = lenslet_.rows(), cols = lenslet_.cols();
+  float largest_px = 0.0F;
+  for (int r = 0; r < rows; ++r) {
+    const LowOrders::Row row = spots.along(model_coordinate(static_cast<float>(r), rows));
+    for (int c = 0; c < cols; ++c) {
+      if (lenslet_(r, c) == 0) continue;
+      const auto [x, y] = row.at(column_u_[as_size(c)]);
+      largest_px = std::max(largest_px, std::max(std::abs(x), std::abs(y)));
+    }
+  }
+  LowOrders model;
+  if (largest_px <= kHome * pitch_px_) return model;
+  const float step_px = kRounded * pitch_px_;
+  for (std::size_t i = 0; i < model.x.size(); ++i) {
+    model.x[i] = step_px * std::round(spots.x[i] / step_px) + 0.0F;  // no −0
+    model.y[i] = step_px * std::round(spots.y[i] / step_px) + 0.0F;
+  }
+  return model;
 }
 
 FollowState WindowFollower::measure(const CentroidPlan& plan, const LevelPlan& level_plan,
@@ -407,6 +452,19 @@ FollowState WindowFollower::measure(const CentroidPlan& plan, const LevelPlan& l
                                     Centroids& centroids) noexcept {
   check_size("WindowFollower", "lenslets", size_of(windows_), size_of(plan.spots));
   Fit found;
+  const FollowState state =
+      measure_frame(plan, level_plan, sharp_plan, frame, levels, sharp, centroids, found);
+  if (++frames_ % kSettlingFrames != 0) return state;
+  if (state == FollowState::kLost || state == FollowState::kNoLight) return state;
+  const LowOrders model = settled_model(found.model += model_);
+  if (model.x != model_.x || model.y != model_.y) place_windows(plan, level_plan, model);
+  return state;
+}
+
+FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelPlan& level_plan,
+                                          const SharpPixelPlan& sharp_plan, FrameView frame,
+                                          FrameLevels& levels, SharpPixels& sharp,
+                                          Centroids& centroids, Fit& found) noexcept {
   const auto measure_here = [&] {
     find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_, nullptr, &strips_});
     fit(centroids, found);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <functional>
 #include <memory>
 #include <thread>
@@ -15,6 +16,7 @@
 #include "service/air/air_table.h"
 #include "service/commands/commands.h"
 #include "service/commands/force_flag.h"
+#include "service/commands/night_merge.h"
 #include "service/commands/pipeline_flags.h"
 #include "service/page/frame_store.h"
 #include "service/page/page_server.h"
@@ -32,6 +34,8 @@
 #include "service/results/vortex_printer.h"
 #include "service/sensor/optics_comparison.h"
 #include "service/sensor/sensor_file.h"
+#include "service/shards/shard_choice.h"
+#include "service/shards/shard_worker.h"
 #include "service/thread_placement.h"
 
 namespace curlew {
@@ -44,6 +48,7 @@ struct ReplayOptions {
   std::string region;
   PipelineFlags pipeline;
   std::string out;
+  std::string shard;
   std::string jsonl;
   std::string picture;
   std::string page;  ///< where the page is served; empty: there is none
@@ -103,11 +108,25 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
   return notes;
 }
 
+/// As check_usage, for a shard. What is there already is looked at later, because a shard that is
+/// done is not done again.
+void check_shard_usage(const ReplayOptions& options, const std::vector<std::string>& inputs) {
+  if (options.out.empty())
+    throw UsageError("--shard needs --out, the results file of all shards together");
+  if (!options.jsonl.empty() || !options.picture.empty() || !options.page.empty() ||
+      !options.report.empty() || options.air.window_s > 0.0 || options.pace_hz != 0.0)
+    throw UsageError(
+        "--jsonl, --picture, --page, --report, --air and --pace go with one run over all frames, "
+        "not --shard");
+  check_output(options.out, inputs, Existing::kReplaced);
+}
+
 /// Refuses options that contradict each other, before anything is read or written.
 void check_usage(const ReplayOptions& options, const FramePictureOptions& picture) {
   std::vector<std::string> inputs = options.recordings;
   inputs.push_back(options.sensor);
   inputs.push_back(options.pipeline.config);
+  if (!options.shard.empty()) return check_shard_usage(options, inputs);
   check_output(options.out, inputs, options.existing);
   check_output(picture.path, inputs, options.existing);
   check_output(options.report, inputs, options.existing);
@@ -190,7 +209,7 @@ struct ReplayTables {
 
   void add(const FrameSlot& slot) {
     vortices.add(slot);
-    tracks.add(slot);
+    tracks.add(slot.frame_index, slot.frame->header, slot.vortices);
     if (air) air->add(slot);
   }
   void print() const {
@@ -244,6 +263,33 @@ void print_summary(const RunReport& report, const Config& config,
   fmt::print("\n{}", latency_table(report));
 }
 
+/// Does a shard of the night or all of them. Who merges does, after the others, those shards that
+/// did not begin where the one before ended.
+void replay_shard(const ReplayOptions& options, const std::shared_ptr<const Plan>& plan,
+                  std::int64_t frames) {
+  // getenv() is safe among threads here, because nothing in the program sets a variable.
+  const ShardChoice choice = choose_shard(options.shard, [](const char* name) -> const char* {
+    return std::getenv(name);  // NOLINT(concurrency-mt-unsafe)
+  });
+  if (choice.merges) check_output(options.out, {}, options.existing);
+  ThreadPlacement placement(plan->config.pipeline.cpus, plan->config.realtime.priority);
+  const ShardWorker worker({.recordings = options.recordings,
+                            .selection = selection_of(options),
+                            .plan = plan,
+                            .saved = options.save,
+                            .frames = frames,
+                            .shards = choice.shards,
+                            .out = options.out,
+                            .existing = options.existing},
+                           placement);
+  if (choice.shard > 0) worker.do_shard(choice.shard);
+  if (!choice.merges) return;
+  if (choice.shard > 0)
+    for (int shard = 1; shard <= choice.shards; ++shard) worker.wait_for(shard);
+  for (int shard = 1; shard <= choice.shards; ++shard) worker.do_shard(shard);
+  merge_night(worker.paths(), options.out, options.existing);
+}
+
 void replay(const ReplayOptions& options) {
   const FramePictureOptions picture = frame_picture_options(options.picture);
   check_usage(options, picture);
@@ -254,6 +300,7 @@ void replay(const ReplayOptions& options) {
   FitsSource source(options.recordings, selection_of(options));
   add_bad_pixels(sensor, source.nan_pixels());
   const auto plan = std::make_shared<const Plan>(sensor, source.format(), config);
+  if (!options.shard.empty()) return replay_shard(options, plan, source.frame_count());
   const Truth truth(options.recordings, selection_of(options));
   ReplayFiles files;
   // This comes before anything is printed, because the lines may take standard output.
@@ -341,6 +388,9 @@ void add_replay(CLI::App& app) {
   command->add_option(
       "--report", options->report,
       "HTML file to write: the page with its frames, which opens without a network");
+  command->add_option("--shard", options->shard,
+                      "do one part of the frames: I/N, auto (by mpirun or a Slurm array), or all/N "
+                      "(each, and merge)");
   add_force_flag(*command, options->existing);
   options->pipeline.add_to(*command);
   add_air_flags(*command, options->air);

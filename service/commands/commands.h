@@ -31,5 +31,6 @@ void add_doctor(CLI::App& app);
 void add_kernel(CLI::App& app);
 void add_convert(CLI::App& app);
 void add_export(CLI::App& app);
+void add_merge(CLI::App& app);
 
 }  // namespace curlew

@@ -30,16 +30,16 @@ Line fit_line(double n, double t, double tt, double v, double vv, double vt) {
 
 }  // namespace
 
-void TrackSummary::add(const FrameSlot& slot) {
-  const double now = time_s(slot.frame->header);
-  for (const Vortex& v : slot.vortices) {
+void TrackSummary::add(std::int64_t frame, const FrameHeader& header, const VortexList& vortices) {
+  const double now = time_s(header);
+  for (const Vortex& v : vortices) {
     if (v.track < 0 || (v.flags & kVortexPredicted) != 0) continue;
-    clock_ = clock_ || has_clock(slot.frame->header);
+    clock_ = clock_ || has_clock(header);
     const auto [place, is_new] = sums_.try_emplace(v.track);
     Sums& s = place->second;
     if (is_new) {
       s.charge = v.charge;
-      s.first_frame = slot.frame_index;
+      s.first_frame = frame;
       s.begin = now;
       s.x0 = static_cast<double>(v.x);
       s.y0 = static_cast<double>(v.y);
@@ -47,7 +47,7 @@ void TrackSummary::add(const FrameSlot& slot) {
     const double t = now - s.begin;
     const double x = static_cast<double>(v.x) - s.x0;
     const double y = static_cast<double>(v.y) - s.y0;
-    s.last_frame = slot.frame_index;
+    s.last_frame = frame;
     s.last_t = t;
     s.n += 1.0;
     s.t += t, s.tt += t * t, s.p += static_cast<double>(v.probability);
@@ -68,20 +68,22 @@ std::vector<TrackLife> TrackSummary::tracks() const {
   return lives;
 }
 
-MemoryTable TrackSummary::table() const {
-  MemoryTable table("TRACKS", {{"TRACK", 'K', ""},
-                               {"CHARGE", 'J', ""},
-                               {"FIRST_FRAME", 'K', ""},
-                               {"LAST_FRAME", 'K', ""},
-                               {"SIGHTINGS", 'K', ""},
-                               {"LIFE", 'D', "s"},
-                               {"X", 'D', ""},
-                               {"Y", 'D', ""},
-                               {"VX", 'D', "s-1"},
-                               {"VY", 'D', "s-1"},
-                               {"ERR_VX", 'D', "s-1"},
-                               {"ERR_VY", 'D', "s-1"},
-                               {"PROBABILITY", 'D', ""}});
+RowTable TrackSummary::table(const std::string& beside) const {
+  RowTable table("TRACKS",
+                 {{"TRACK", 'K', ""},
+                  {"CHARGE", 'J', ""},
+                  {"FIRST_FRAME", 'K', ""},
+                  {"LAST_FRAME", 'K', ""},
+                  {"SIGHTINGS", 'K', ""},
+                  {"LIFE", 'D', "s"},
+                  {"X", 'D', ""},
+                  {"Y", 'D', ""},
+                  {"VX", 'D', "s-1"},
+                  {"VY", 'D', "s-1"},
+                  {"ERR_VX", 'D', "s-1"},
+                  {"ERR_VY", 'D', "s-1"},
+                  {"PROBABILITY", 'D', ""}},
+                 beside);
   for (const TrackLife& t : tracks())
     table.append(t.track, t.charge, t.first_frame, t.last_frame, t.sightings, t.life, t.x, t.y,
                  t.velocity_x, t.velocity_y, t.error_velocity_x, t.error_velocity_y, t.probability);

@@ -6,8 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "service/results/memory_table.h"
-#include "service/stages.h"
+#include "core/frame.h"
+#include "core/vortex.h"
+#include "service/results/row_table.h"
 
 namespace curlew {
 
@@ -33,13 +34,13 @@ struct TrackLife {
 class TrackSummary {
  public:
   /// Takes the tracked vortices of the frame; frames come in their order.
-  void add(const FrameSlot& slot);
+  void add(std::int64_t frame, const FrameHeader& header, const VortexList& vortices);
 
   /// Returns the tracks by their numbers.
   std::vector<TrackLife> tracks() const;
 
-  /// Returns the table TRACKS of a results file.
-  MemoryTable table() const;
+  /// Returns the table TRACKS of a results file. beside: the file beside which rows wait.
+  RowTable table(const std::string& beside) const;
 
   /// Returns a table for people, of the `most` tracks that were seen most often; empty without
   /// tracks.

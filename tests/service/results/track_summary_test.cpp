@@ -4,34 +4,19 @@
 
 #include <cmath>
 
-#include "acquisition/simulator/simulator.h"
-#include "tests/support/exact_sensor.h"
-
 namespace curlew {
 namespace {
 
-/// Slots of which only the header and the vortices matter.
 class TrackSummaryTest : public ::testing::Test {
  protected:
-  static SimulatorOptions options() {
-    SimulatorOptions options;
-    options.rows = options.cols = 8;
-    options.window_px = 8;
-    return options;
-  }
   void add(std::int64_t frame, double time_s, std::vector<Vortex> vortices) {
-    slot_.frame = &frame_;
-    slot_.frame_index = frame;
-    frame_.header.camera_ns = static_cast<std::int64_t>(std::llround(1e9 * time_s));
-    slot_.vortices.clear();
-    for (const Vortex& v : vortices) slot_.vortices.push(v);
-    summary_.add(slot_);
+    FrameHeader header;
+    header.camera_ns = static_cast<std::int64_t>(std::llround(1e9 * time_s));
+    VortexList list(vortices.size());
+    for (const Vortex& v : vortices) list.push(v);
+    summary_.add(frame, header, list);
   }
 
-  Simulator simulator_{options()};
-  Plan plan_{sensor_of(simulator_, 8, 0.0), simulator_.format(), {}};
-  FrameBuffer frame_{simulator_.format()};
-  FrameSlot slot_{plan_};
   TrackSummary summary_;
 };
 
