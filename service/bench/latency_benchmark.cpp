@@ -156,6 +156,7 @@ std::vector<LatencyBenchmark> time_latency(const std::vector<BenchCase>& cases,
                                            const std::function<void(std::int64_t)>& step,
                                            std::string& pinning) {
   std::vector<std::unique_ptr<LatencyTrial>> trials;
+  trials.reserve(cases.size());
   for (const BenchCase& which : cases)
     trials.push_back(std::make_unique<LatencyTrial>(which, options));
   for (int part = 0; part < kParts; ++part) {
@@ -170,6 +171,7 @@ std::vector<LatencyBenchmark> time_latency(const std::vector<BenchCase>& cases,
   }
   pinning = trials.front()->pinning();
   std::vector<LatencyBenchmark> results;
+  results.reserve(trials.size());
   for (const auto& trial : trials) results.push_back(trial->result());
   return results;
 }
