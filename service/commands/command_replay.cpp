@@ -171,7 +171,9 @@ class ShownFrames {
     store_ = std::make_unique<FrameStore>(std::move(plan), options.recordings.front(), kMostFrames,
                                           kMostBytes);
     if (options.page.empty()) return;
-    server_ = std::make_unique<PageServer>(PageOptions{.listen = options.page}, *store_);
+    PageOptions page;
+    page.listen = options.page;
+    server_ = std::make_unique<PageServer>(page, *store_);
     fmt::print("the page is at {}\n", server_->url());
     std::fflush(stdout);
   }

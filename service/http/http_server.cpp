@@ -23,6 +23,8 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr std::size_t kMostClients = 32;
+constexpr int kLetInAtOnce = 8;  // fewer than kMostClients, so that each of them is looked at
+constexpr int kQueue = 128;      // of connections that the kernel has made and nobody let in yet
 constexpr auto kLongestVisit = std::chrono::seconds(5);
 constexpr int kTickMs = 100;
 constexpr int kWaitingTickMs = 5;
@@ -63,7 +65,7 @@ int listen_at(const HttpAddress& wanted) {
   const int yes = 1;
   setsockopt(listening, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof(yes));
   if (bind(listening, address->ai_addr, address->ai_addrlen) == 0 &&
-      ::listen(listening, kMostClients) == 0)
+      ::listen(listening, kQueue) == 0)
     return listening;
   const std::string why = std::generic_category().message(errno);
   if (listening >= 0) close(listening);
@@ -210,15 +212,19 @@ class Client {
 using Clients = std::vector<std::unique_ptr<Client>>;
 
 void let_in(int listening, Clients& clients) {
-  const int accepted = accept4(listening, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
-  if (accepted < 0) {
-    // Where the process may open no more files, the client goes on waiting, and so do we.
-    std::this_thread::sleep_for(milliseconds(10));
-    return;
+  for (int i = 0; i < kLetInAtOnce; ++i) {
+    const int accepted = accept4(listening, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
+    if (accepted < 0 && errno == EAGAIN) return;
+    if (accepted < 0) {
+      // Where the process may open no more files, the client goes on waiting, and so do we.
+      std::this_thread::sleep_for(milliseconds(10));
+      return;
+    }
+    if (clients.size() == kMostClients)
+      clients.erase(
+          std::ranges::min_element(clients, {}, [](const auto& c) { return c->since(); }));
+    clients.push_back(std::make_unique<Client>(accepted));
   }
-  if (clients.size() == kMostClients)
-    clients.erase(std::ranges::min_element(clients, {}, [](const auto& c) { return c->since(); }));
-  clients.push_back(std::make_unique<Client>(accepted));
 }
 
 }  // namespace

@@ -17,7 +17,7 @@ class Browser:
         self._folder = tempfile.mkdtemp()
         self._process = subprocess.Popen(
             ["chromium", "--headless=new", "--remote-debugging-port=0", "--no-sandbox", "--disable-gpu",
-             "--no-first-run", "--disable-extensions", "--disable-background-networking",
+             "--no-first-run", "--disable-extensions", "--disable-dev-shm-usage", "--disable-background-networking",
              "--hide-scrollbars", f"--user-data-dir={self._folder}", "about:blank"],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         port_file = os.path.join(self._folder, "DevToolsActivePort")

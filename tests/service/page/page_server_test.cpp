@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "core/error.h"
-#include "tests/support/failure_text.h"
 #include "tests/support/http.h"
 #include "tests/support/scratch_directory.h"
 
@@ -27,6 +26,12 @@ class OneFrame final : public PageSource {
 
 const char* const kToken = "0123456789abcdef0123456789abcdef";
 
+PageOptions at(const std::string& listen) {
+  PageOptions options;
+  options.listen = listen;
+  return options;
+}
+
 class PageServerTest : public ::testing::Test {
  protected:
   std::string ask(const PageServer& server, const std::string& line,
@@ -41,7 +46,7 @@ class PageServerTest : public ::testing::Test {
   static std::string status_of(const std::string& answer) { return answer.substr(9, 3); }
 
   OneFrame source_;
-  PageServer server_{{.listen = "127.0.0.1:0"}, source_};
+  PageServer server_{at("127.0.0.1:0"), source_};
 };
 
 TEST_F(PageServerTest, ServesItsFilesAndFramesAndNothingElse) {
@@ -73,22 +78,26 @@ TEST_F(PageServerTest, AStrangersNameForThisMachineIsRefused) {
 
 TEST_F(PageServerTest, BeyondLoopbackItTakesATokenFromAFile) {
   const ScratchDirectory scratch;
-  EXPECT_NE(failure_text([&] {
-              const PageServer open({.listen = "0.0.0.0:0"}, source_);
-            }).find("lies beyond loopback; set token_file"),
+  const auto refusal = [&](const PageOptions& options) {
+    try {
+      const PageServer open(options, source_);
+    } catch (const UsageError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_NE(refusal(at("0.0.0.0:0")).find("lies beyond loopback; set token_file"),
             std::string::npos);
+  PageOptions options = at("0.0.0.0:0");
+  options.token_file = scratch / "token";
   for (const char* weak :
        {"", "short", "spaces in it are no good at all", "0123456789abcde\xc3\xa9"}) {
-    write_bytes(scratch / "token", weak);
-    EXPECT_NE(failure_text([&] {
-                const PageServer open({.listen = "0.0.0.0:0", .token_file = scratch / "token"},
-                                      source_);
-              }).find("must hold at least 16 letters and digits"),
-              std::string::npos)
+    write_bytes(options.token_file, weak);
+    EXPECT_NE(refusal(options).find("must hold at least 16 letters and digits"), std::string::npos)
         << weak;
   }
   write_bytes(scratch / "token", std::string(kToken) + "\n");
-  const PageServer guarded({.listen = "0.0.0.0:0", .token_file = scratch / "token"}, source_);
+  const PageServer guarded(options, source_);
   const std::string host = "Host: laboratory.example\r\n";
   EXPECT_EQ(guarded.url().find(kToken), std::string::npos) << "it goes into logs";
   const std::string port = guarded.url().substr(0, guarded.url().find("/?"));
@@ -112,7 +121,7 @@ TEST_F(PageServerTest, ChangesAreForThePageItselfWhereItHasTheRight) {
   const std::string own = "Host: localhost\r\nOrigin: http://localhost\r\n";
   EXPECT_NE(ask(server_, "POST /control", own, "{}").find("set control = true"), std::string::npos);
   std::vector<std::string> changes;
-  const PageServer may({.listen = "127.0.0.1:0"}, source_,
+  const PageServer may(at("127.0.0.1:0"), source_,
                        [&](const std::string& body, const std::string& peer) {
                          EXPECT_EQ(peer.rfind("127.0.0.1 port ", 0), 0U) << peer;
                          changes.push_back(body);
