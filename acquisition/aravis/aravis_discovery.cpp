@@ -10,6 +10,7 @@
 #include "acquisition/aravis/aravis_camera.h"
 #include "acquisition/aravis/aravis_network.h"
 #include "acquisition/aravis/genicam_description.h"
+#include "acquisition/aravis/socket_filter.h"
 #include "core/error.h"
 #include "core/printable.h"
 
@@ -66,6 +67,13 @@ std::vector<Device> find_devices() {
   return devices;
 }
 
+std::string address_of(ArvGvDevice* device) {
+  GSocketAddress* socket = arv_gv_device_get_device_address(device);
+  const std::unique_ptr<char, GFree> text(
+      g_inet_address_to_string(g_inet_socket_address_get_address(G_INET_SOCKET_ADDRESS(socket))));
+  return text.get();
+}
+
 std::string only_device() {
   const std::vector<Device> devices = find_devices();
   if (devices.empty())
@@ -103,14 +111,19 @@ CameraPtr open_aravis_device(const std::string& id) {
   const auto refuse = [&] {
     throw Failure(fmt::format("aravis:{} cannot be opened: {}; {}", name, error.text(), kRemedy));
   };
+  const std::vector<UdpSocket> sockets = udp_sockets();
   const GObjectPtr<ArvDevice> device(arv_open_device(name.c_str(), error.out()));
   if (device == nullptr || error) refuse();
+  const int control = ARV_IS_GV_DEVICE(device.get())
+                          ? guard_control_channel(sockets, address_of(ARV_GV_DEVICE(device.get())))
+                          : -1;
   // Nothing has evaluated the description until here.
   std::size_t size = 0;
   const char* const description = arv_device_get_genicam_xml(device.get(), &size);
   check_genicam_description({description, description != nullptr ? size : 0}, "aravis:" + name);
   CameraPtr camera(arv_camera_new_with_device(device.get(), error.out()));
   if (camera == nullptr || error) refuse();
+  camera.get_deleter().control_socket = control;
   if (arv_camera_is_gv_device(camera.get()) &&
       !arv_gv_device_is_controller(ARV_GV_DEVICE(arv_camera_get_device(camera.get())))) {
     if (!gige_device_answers(address_of(camera.get())))
@@ -125,11 +138,7 @@ CameraPtr open_aravis_device(const std::string& id) {
 
 std::string address_of(ArvCamera* camera) {
   if (!arv_camera_is_gv_device(camera)) return {};
-  GSocketAddress* socket =
-      arv_gv_device_get_device_address(ARV_GV_DEVICE(arv_camera_get_device(camera)));
-  const std::unique_ptr<char, GFree> text(
-      g_inet_address_to_string(g_inet_socket_address_get_address(G_INET_SOCKET_ADDRESS(socket))));
-  return text.get();
+  return address_of(ARV_GV_DEVICE(arv_camera_get_device(camera)));
 }
 
 std::string describe(ArvCamera* camera) {
