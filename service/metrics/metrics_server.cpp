@@ -177,7 +177,11 @@ void MetricsServer::serve() {
   while (!stopping_) {
     std::vector<pollfd> polled{{listening_, POLLIN, 0}};
     for (const auto& client : clients) polled.push_back(client->waits_for());
-    if (poll(polled.data(), polled.size(), kTickMs) < 0 && errno != EINTR) break;
+    if (poll(polled.data(), polled.size(), kTickMs) < 0) {
+      // Nothing is known of any client then, so the next round asks again.
+      if (errno != EINTR) std::this_thread::sleep_for(std::chrono::milliseconds(kTickMs));
+      continue;
+    }
     std::vector<std::unique_ptr<Client>> staying;
     for (std::size_t i = 0; i < clients.size(); ++i) {
       const bool goes_on = polled[i + 1].revents == 0 || clients[i]->go_on(fresh_text);
