@@ -62,11 +62,15 @@ void print_report(const DaemonReport& report) {
 
 void run_daemon(const RunCommand& options) {
   catch_daemon_signals();
-  const Log log(configuration(options).daemon.log_level);
+  const Config config = configuration(options);
+  const Log log(config.daemon.log_level);
   Daemon daemon([options] { return configuration(options); }, options.limits, options.watch);
   const DaemonReport report = daemon.run();
   print_report(report);
   if (const std::string why = nothing_measured(report.results); !why.empty()) throw Failure(why);
+  // Whoever ends it by a signal may not have waited for a frame.
+  if (report.results.frames == 0 && !interrupted())
+    throw Failure("nothing was measured: no frame came from " + config.camera.source);
 }
 
 }  // namespace

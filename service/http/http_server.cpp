@@ -257,7 +257,11 @@ void HttpServer::serve() const {
       polled.push_back(client->waits_for());
       if (client->waits_for_answer()) tick_ms = kWaitingTickMs;
     }
-    if (poll(polled.data(), polled.size(), tick_ms) < 0 && errno != EINTR) break;
+    if (poll(polled.data(), polled.size(), tick_ms) < 0) {
+      // Nothing is known of any client then, so the next round asks again.
+      if (errno != EINTR) std::this_thread::sleep_for(milliseconds(kTickMs));
+      continue;
+    }
     Clients staying;
     for (std::size_t i = 0; i < clients.size(); ++i)
       if (clients[i]->go_on(polled[i + 1].revents, handler_) && !clients[i]->expired())

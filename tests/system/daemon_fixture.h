@@ -78,8 +78,9 @@ class Daemon : public ::testing::Test {
         "--velocity 0.02,0.01 --photons 1500 --seed 7701 --out beam.fits --frames " +
         std::to_string(kDistinctFrames));
   }
-  std::unique_ptr<Process> serve(const std::vector<std::string>& more = {}) {
-    std::vector<std::string> command{CURLEW_SERVE_GIGE, scratch_ / "beam.fits"};
+  std::unique_ptr<Process> serve(const std::vector<std::string>& more = {},
+                                 const std::string& recording = "beam.fits") {
+    std::vector<std::string> command{CURLEW_SERVE_GIGE, scratch_ / recording};
     command.insert(command.end(), more.begin(), more.end());
     auto server =
         std::make_unique<Process>(command, scratch_ / "server.out", scratch_ / "server.err");

@@ -108,6 +108,69 @@ TEST_F(Daemon, ACameraThatDiesAndReturnsIsFoundEveryTime) {
   expect_as_replayed(scratch_ / "live.jsonl");
 }
 
+// Frames of another shape are never worked on, and when those of before come, all goes on.
+TEST_F(Daemon, ACameraThatReturnsWithOtherFramesIsRefusedOnceAndWaitedFor) {
+  make_sensor_and_recording();
+  const std::string other = "simulate --preset vortex --frames 3 --window 8 --photons 1500 ";
+  run(other + "--rows 11 --cols 12 --out smaller.fits");
+  run(other + "--rows 12 --cols 12 --bits 8 --out bytes.fits");
+  const std::string config = scratch_ / "c.toml";
+  const std::string socket = scratch_ / "control";
+  write_bytes(config, "[camera]\ntimeout_s = 0.5\nmax_backoff_s = 0.2\n[daemon]\ncontrol = \"" +
+                          socket + "\"\n");
+  const auto curlew = daemon({"--config", config, "--camera", "aravis:127.0.0.1", "--sensor",
+                              scratch_ / "sensor.fits", "--jsonl", scratch_ / "live.jsonl"});
+  const auto status = [&] { return json::parse(ask_daemon(socket, "status")); };
+  const auto results = [&] { return status()["results"].get<std::int64_t>(); };
+  const auto goes_on = [&] {
+    const std::int64_t enough = results() + kDistinctFrames;
+    for (int i = 0; i < 1000 && results() < enough; ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    return results() >= enough;
+  };
+  const auto lose = [&](const std::unique_ptr<Process>& server) {
+    server->signal(SIGKILL);
+    server->wait(seconds(5));
+    const auto streams = [&] {
+      const std::string state = status()["state"].get<std::string>();
+      return state == "streaming" || state == "degraded" || state == "no light";
+    };
+    for (int i = 0; i < 500 && streams(); ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    return results();
+  };
+  ASSERT_TRUE(curlew->says("state=searching", seconds(20))) << curlew->err();
+  std::int64_t before = 0;
+  {
+    const auto server = serve({"--rate", "200"});
+    ASSERT_TRUE(goes_on()) << curlew->err();
+    before = lose(server);
+  }
+  {
+    const auto server = serve({"--rate", "200"}, "smaller.fits");
+    EXPECT_TRUE(curlew->says("is 88×96 but", seconds(20))) << curlew->err();
+    std::this_thread::sleep_for(seconds(1));  // in which it tries again
+    EXPECT_EQ(results(), before);
+    EXPECT_EQ(lose(server), before);
+  }
+  {
+    const auto server = serve({"--rate", "200"}, "bytes.fits");
+    EXPECT_TRUE(curlew->says("pixel format is 8 bits but", seconds(20))) << curlew->err();
+    EXPECT_EQ(lose(server), before);
+  }
+  const auto server = serve({"--rate", "200"});
+  EXPECT_TRUE(goes_on()) << curlew->err();
+  curlew->signal(SIGTERM);
+  ASSERT_EQ(curlew->wait(seconds(30)), 0) << curlew->err();
+  const std::string log = curlew->err();
+  int told = 0;
+  for (std::size_t at = log.find("88×96"); at != std::string::npos; at = log.find("88×96", at + 1))
+    ++told;
+  EXPECT_LE(told, 2) << "it is said again only after another complaint\n" << log;
+  expect_balanced(Account(curlew->out()));
+  expect_as_replayed(scratch_ / "live.jsonl");
+}
+
 // systemd does not start the service again after exit code 2.
 TEST_F(Daemon, WhatWouldBeSoAgainAtTheNextStartIsAMatterOfConfiguration) {
   const auto expect_usage = [&](const std::string& config, const std::string& words) {
@@ -124,6 +187,16 @@ TEST_F(Daemon, WhatWouldBeSoAgainAtTheNextStartIsAMatterOfConfiguration) {
   expect_usage(camera + "[recorder]\nmode = \"continuous\"\nfolder = \"/none\"\n",
                "/none does not exist: make it");
   expect_usage(camera + "[daemon]\njsonl = \"/none/a.jsonl\"\n", "/none/a.jsonl");
+}
+
+TEST_F(Daemon, WithoutAFrameNothingWasMeasured) {
+  make_sensor_and_recording();
+  const auto curlew = daemon(
+      {"--camera", "aravis:127.0.0.1", "--sensor", scratch_ / "sensor.fits", "--seconds", "0.5"});
+  EXPECT_EQ(curlew->wait(seconds(30)), 1) << curlew->err();
+  EXPECT_NE(curlew->err().find("nothing was measured: no frame came from aravis:127.0.0.1"),
+            std::string::npos)
+      << curlew->err();
 }
 
 TEST_F(Daemon, StopsWhileItOpensOrSearches) {
