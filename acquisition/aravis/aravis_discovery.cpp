@@ -1,7 +1,10 @@
 #include "acquisition/aravis/aravis_discovery.h"
 
+#include <fcntl.h>
 #include <spdlog/fmt/fmt.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <chrono>
 #include <mutex>
 #include <thread>
@@ -33,6 +36,25 @@ void silence_aravis() {
   });
 }
 
+/// Throws Failure if the process may not open some more files. Aravis 0.8.26 does not survive that
+/// it is refused a socket; it needs a few for each network interface, and some for a camera.
+void require_free_descriptors() {
+  constexpr int kEnough = 64;
+  std::vector<int> opened;
+  while (static_cast<int>(opened.size()) < kEnough) {
+    const int file = fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, 0);
+    if (file < 0) break;
+    opened.push_back(file);
+  }
+  const bool enough = static_cast<int>(opened.size()) == kEnough || errno == EBADF;
+  for (const int file : opened) close(file);
+  if (!enough)
+    throw Failure(fmt::format(
+        "aravis: only {} more files may be opened, and cameras may need {}; raise the limit "
+        "(`ulimit -n`, or LimitNOFILE= of the unit)",
+        opened.size(), kEnough));
+}
+
 /// Makes Aravis forget USB cameras that have been unplugged. It would open one, and complain on the
 /// terminal. To look anew costs milliseconds on USB; on the network it would cost a second.
 void forget_unplugged() {
@@ -56,6 +78,7 @@ std::string describe(const std::string& vendor, const std::string& model, const 
 
 std::vector<Device> find_devices() {
   silence_aravis();
+  require_free_descriptors();
   arv_update_device_list();
   std::vector<Device> devices;
   for (unsigned i = 0; i < arv_get_n_devices(); ++i)
@@ -105,6 +128,7 @@ void ReleaseCamera::operator()(ArvCamera* camera) const noexcept {
 
 CameraPtr open_aravis_device(const std::string& id) {
   silence_aravis();
+  require_free_descriptors();
   const std::string name = id.empty() ? only_device() : id;
   forget_unplugged();
   AravisError error;
