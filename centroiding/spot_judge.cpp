@@ -290,9 +290,22 @@ void SpotJudge::remember(const Centroids& centroids) noexcept {
       seen_[k] = has ? kSeenMax : 0;
     else
       seen_[k] = static_cast<std::int8_t>(std::clamp(seen_[k] + (has ? 1 : -1), 0, +kSeenMax));
-    lit_[k] = 2 * seen_[k] > kSeenMax ? 1 : 0;
   }
   started_ = true;
+  mark_lit();
+}
+
+void SpotJudge::mark_lit() noexcept {
+  for (std::size_t k = 0; k < seen_.size(); ++k) lit_[k] = 2 * seen_[k] > kSeenMax ? 1 : 0;
+}
+
+void SpotJudge::recall(bool started, const Image<std::int8_t>& seen) {
+  started_ = started;
+  seen_ = seen;
+  if (started_)
+    mark_lit();
+  else
+    lit_ = lenslet_;
 }
 
 void SpotJudge::lose_all(bool dark, Centroids& centroids) noexcept {

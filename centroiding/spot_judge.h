@@ -58,6 +58,13 @@ class SpotJudge {
   /// Remembers which lenslets had a spot.
   void remember(const Centroids& centroids) noexcept;
 
+  /// What it remembers: whether there was a frame, and how often each lenslet had its spot, of the
+  /// last ones, [rows, cols].
+  bool started() const { return started_; }
+  const Image<std::int8_t>& seen() const { return seen_; }
+  /// Goes on as the judge did that remembered this of a sensor of the same size.
+  void recall(bool started, const Image<std::int8_t>& seen);
+
   /// [rows, cols] 1 where a lenslet had its spot in most of the last frames.
   const Image<std::uint8_t>& lit() const { return lit_; }
 
@@ -69,6 +76,7 @@ class SpotJudge {
   void reject_clumps(const Centroids& centroids, float typical, SpotFit& found) noexcept;
   bool has_stepped(int here) const noexcept;
   float kept_neighbours(int row, int col) const noexcept;
+  void mark_lit() noexcept;
 
   float pitch_px_;
   Image<std::uint8_t> lenslet_;  ///< [rows, cols] 1 where the plan has one

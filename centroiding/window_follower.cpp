@@ -13,9 +13,11 @@ namespace {
 constexpr float kFollowed = 0.15F;  // Windows stay while the spots' low orders are within this.
 // Where spots light the corners between the windows, the level rises as they come nearer.
 constexpr float kFollowedClosely = 0.05F;
-constexpr float kCentred = 0.1F;  // A spot farther from its window's middle gets it centred.
-constexpr float kCutOff = 0.2F;   // A window that the frame holds back by more loses light.
-constexpr float kStep = 0.3F;     // The windows are moved this far without a new search.
+constexpr float kCentred = 0.1F;    // A spot farther from its window's middle gets it centred.
+constexpr float kCutOff = 0.2F;     // A window that the frame holds back by more loses light.
+constexpr float kHome = 0.1F;       // Windows settle at home if the low orders are within this,
+constexpr float kRounded = 0.025F;  // and else at low orders that are multiples of this.
+constexpr float kStep = 0.3F;       // The windows are moved this far without a new search.
 
 /// Returns how far a window of length `n` from `start` must be moved to lie in [0, length).
 int back_into(int start, int n, int length) noexcept {
@@ -176,12 +178,59 @@ bool WindowFollower::is_settled(const SpotFit& found) const noexcept {
   return judge_.is_believed(found) && found.largest_px <= kFollowed * pitch_px_ && found.same_lit;
 }
 
+FollowerMemory WindowFollower::memory() const {
+  return {.frames = frames_, .started = judge_.started(), .model = model_, .seen = judge_.seen()};
+}
+
+void WindowFollower::recall(const CentroidPlan& plan, const LevelPlan& level_plan,
+                            const FollowerMemory& memory) {
+  check_size("WindowFollower", "remembered lenslets", size_of(memory.seen), size_of(lenslet_));
+  frames_ = memory.frames;
+  judge_.recall(memory.started, memory.seen);
+  place_windows(plan, level_plan, memory.model);
+}
+
+/// Returns where the windows belong for spots of these low orders, whatever they were before.
+LowOrders WindowFollower::settled_model(const LowOrders& spots) const noexcept {
+  const int rows = lenslet_.rows(), cols = lenslet_.cols();
+  float largest_px = 0.0F;
+  for (int r = 0; r < rows; ++r) {
+    const LowOrders::Row row = spots.along(model_coordinate(static_cast<float>(r), rows));
+    for (int c = 0; c < cols; ++c) {
+      if (lenslet_(r, c) == 0) continue;
+      const auto [x, y] = row.at(column_u_[as_size(c)]);
+      largest_px = std::max(largest_px, std::max(std::abs(x), std::abs(y)));
+    }
+  }
+  LowOrders model;
+  if (largest_px <= std::min(kHome * pitch_px_, followed_px_)) return model;
+  const float step_px = kRounded * pitch_px_;
+  for (std::size_t i = 0; i < model.x.size(); ++i) {
+    model.x[i] = step_px * std::round(spots.x[i] / step_px) + 0.0F;  // no −0
+    model.y[i] = step_px * std::round(spots.y[i] / step_px) + 0.0F;
+  }
+  return model;
+}
+
 FollowState WindowFollower::measure(const CentroidPlan& plan, const LevelPlan& level_plan,
                                     const SharpPixelPlan& sharp_plan, FrameView frame,
                                     FrameLevels& levels, SharpPixels& sharp,
                                     Centroids& centroids) noexcept {
   check_size("WindowFollower", "lenslets", size_of(windows_), size_of(plan.spots));
   SpotFit found;
+  const FollowState state =
+      measure_frame(plan, level_plan, sharp_plan, frame, levels, sharp, centroids, found);
+  if (++frames_ % kSettlingFrames != 0) return state;
+  if (state == FollowState::kLost || state == FollowState::kNoLight) return state;
+  const LowOrders model = settled_model(found.model += model_);
+  if (model.x != model_.x || model.y != model_.y) place_windows(plan, level_plan, model);
+  return state;
+}
+
+FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelPlan& level_plan,
+                                          const SharpPixelPlan& sharp_plan, FrameView frame,
+                                          FrameLevels& levels, SharpPixels& sharp,
+                                          Centroids& centroids, SpotFit& found) noexcept {
   const auto measure_here = [&] {
     find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_, nullptr, &strips_});
     judge_.look_at({windows_, model_x_px_, model_y_px_}, centroids, found);

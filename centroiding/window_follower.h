@@ -29,6 +29,14 @@ enum class FollowState : std::uint8_t {
 
 inline constexpr std::size_t kFollowStates = 5;  ///< the number of values of FollowState
 
+/// What the frames before have taught a WindowFollower: all of them that its next frames depend on.
+struct FollowerMemory {
+  std::int64_t frames = 0;  ///< how many frames came before
+  bool started = false;     ///< whether spots were found in one of them
+  LowOrders model;          ///< where the windows are, px from where the calibration put them
+  Image<std::int8_t> seen;  ///< [rows, cols] how often a lenslet had its spot, of the last ones
+};
+
 /// Follows the spots of one sensor from frame to frame. Its state belongs to the frames of one
 /// plan, in their order; one thread calls it.
 ///
@@ -37,6 +45,11 @@ inline constexpr std::size_t kFollowStates = 5;  ///< the number of values of Fo
 /// in which the level is measured. When these leave that, the windows are moved to them by whole
 /// pixels and the same frame is measured again. Where the fit does not describe the spots, or the
 /// pattern of lit lenslets has stepped by a pitch, SpotAcquisition finds them anew.
+///
+/// Every kSettlingFrames the windows are put where the frame's spots have them and not the way that
+/// led there: where the calibration had them if the low orders are within .1 pitch of that, and
+/// else by low orders that are rounded. So what frames long past have taught is forgotten, and a
+/// follower that begins later comes to the very same windows (docs/adr/0010-seams.md).
 ///
 /// Then each lenslet is judged. Its spot is lost where it lies farther from the fit than six times
 /// what the others do (at least .3 and at most .42 pitch). A spot that is dim or as wide as its
@@ -55,6 +68,14 @@ class WindowFollower {
                       const SharpPixelPlan& sharp_plan, FrameView frame, FrameLevels& levels,
                       SharpPixels& sharp, Centroids& centroids) noexcept;
 
+  /// After as many frames the windows no longer depend on how they came there.
+  static constexpr std::int64_t kSettlingFrames = 64;
+
+  FollowerMemory memory() const;
+  /// Goes on as the follower did whose memory this is. The plans must be those of the constructor,
+  /// and so must the size.
+  void recall(const CentroidPlan& plan, const LevelPlan& level_plan, const FollowerMemory& memory);
+
  private:
   void place_windows(const CentroidPlan& plan, const LevelPlan& level_plan,
                      const LowOrders& model) noexcept;
@@ -68,6 +89,10 @@ class WindowFollower {
                             FrameLevels& levels, const SharpPixels& sharp,
                             LowOrders& model) noexcept;
   bool is_settled(const SpotFit& found) const noexcept;
+  LowOrders settled_model(const LowOrders& spots) const noexcept;
+  FollowState measure_frame(const CentroidPlan& plan, const LevelPlan& level_plan,
+                            const SharpPixelPlan& sharp_plan, FrameView frame, FrameLevels& levels,
+                            SharpPixels& sharp, Centroids& centroids, SpotFit& found) noexcept;
 
   SpotAcquisition acquisition_;
   SpotJudge judge_;  ///< with its state
@@ -88,6 +113,7 @@ class WindowFollower {
   std::vector<LevelPixel> blocks_;     ///< where the level is measured
   Image<float> moved_x_px_;            ///< by whole pixels
   Image<float> moved_y_px_;
+  std::int64_t frames_ = 0;
 
   // Buffers of one frame.
   Image<float> level_;

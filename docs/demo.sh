@@ -3,10 +3,9 @@
 # and draws one frame. Run it with ./dev demo.
 set -euo pipefail
 curlew=${CURLEW:-build/release/curlew}
-python=${PYTHON:-/usr/bin/python3}
 out=${1:-demo}
 mkdir -p "$out"
-rm -f "$out"/{reference,sensor,beam,results}.fits "$out"/vortices.jsonl
+rm -f "$out"/{reference,sensor,beam,results}.fits "$out"/{vortices.jsonl,frame.png,report.html}
 
 run() {
   printf '\n$ curlew %s\n' "$*"
@@ -21,8 +20,5 @@ run simulate --preset vortex "${sensor[@]}" --photons 3000 --amplitude linear --
   --vortex 4.3,6.6,+1 --vortex 14.2,4.4,-1 --vortex 15.2,12.1,+1 --vortex 6.9,14.5,-1 \
   --velocity 0.004,0.002 --frames 100 --seed 2 --out "$out/beam.fits"
 run replay "$out/beam.fits" --sensor "$out/sensor.fits" --out "$out/results.fits" \
-  --save slopes,flux,phase,solenoidal,circulation --jsonl "$out/vortices.jsonl"
-
-"$python" docs/plot_frame.py "$out/beam.fits" "$out/results.fits" "$out/sensor.fits" \
-  --out "$out/frame.png"
-printf '\n%s: spots, phase and circulation of one frame, its vortices marked\n' "$out/frame.png"
+  --save slopes,flux,phase,solenoidal,circulation --jsonl "$out/vortices.jsonl" \
+  --picture 0:"$out/frame.png" --report "$out/report.html"

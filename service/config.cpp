@@ -132,6 +132,10 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   auto& metrics = config.metrics;
   visit("metrics", "listen", metrics.listen, kNotNegative);
   visit("metrics", "beyond_loopback", metrics.beyond_loopback, kNotNegative);
+  auto& page = config.page;
+  visit("page", "listen", page.listen, kNotNegative);
+  visit("page", "token_file", page.token_file, kNotNegative);
+  visit("page", "control", page.control, kNotNegative);
 }
 
 // The parser goes down one level of the stack for every level of nesting, and a dotted key nests
@@ -174,6 +178,19 @@ Config read_config(const std::string& path) {
                      std::string(error.description()));
   }
   Config config;
+  TomlReader reader(path, table);
+  visit_config(config, reader);
+  reader.refuse_unknown();
+  return config;
+}
+
+Config with_setting(Config config, const std::string& section, const std::string& key,
+                    const SettingValue& value) {
+  toml::table keys;
+  std::visit([&](const auto& known) { keys.insert(key, known); }, value);
+  toml::table table;
+  table.insert(section, std::move(keys));
+  const std::string path = "change";
   TomlReader reader(path, table);
   visit_config(config, reader);
   reader.refuse_unknown();

@@ -2,8 +2,10 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <set>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "acquisition/camera_options.h"
@@ -13,6 +15,7 @@
 #include "detect/tracking/tracker_options.h"
 #include "reconstruct/split.h"
 #include "service/metrics/metrics_options.h"
+#include "service/page/page_options.h"
 #include "service/publish/publish_options.h"
 #include "service/realtime/realtime.h"
 #include "service/recorder/recorder.h"
@@ -89,12 +92,21 @@ struct Config {
   RecorderOptions recorder;
   PublishOptions publish;
   MetricsOptions metrics;
+  PageOptions page;
 };
 
 /// Reads a TOML file over the defaults. Throws UsageError if the file is missing, its syntax is
 /// bad, a key is unknown (the error names the line), or a value has the wrong type or is out of
 /// range.
 Config read_config(const std::string& path);
+
+/// A value as it may come from elsewhere than a file.
+using SettingValue = std::variant<bool, std::int64_t, double, std::string>;
+
+/// Returns the configuration with one setting changed. Throws UsageError, as read_config() does,
+/// for a key that is unknown and for a value of the wrong type or out of range.
+Config with_setting(Config config, const std::string& section, const std::string& key,
+                    const SettingValue& value);
 
 /// Returns the values of all settings as TOML that read_config accepts: what a run really used.
 std::string config_text(const Config& config);

@@ -27,7 +27,7 @@ bool RecordedFeed::fill(FrameSlot& slot) {
         slot.frame->header.received + std::chrono::duration_cast<Clock::duration>(
                                           std::chrono::duration<double>(1.0 / options_.pace_hz));
   }
-  slot.frame_index = delivered_++;
+  slot.frame_index = options_.first_frame + delivered_++;
   return true;
 }
 

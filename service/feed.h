@@ -29,6 +29,8 @@ struct RunOptions {
   double pace_hz = 0.0;
   /// The feed stops after so many frames; −1: at the end of the source.
   std::int64_t max_frames = -1;
+  /// The index of the first frame that the source delivers.
+  std::int64_t first_frame = 0;
 };
 
 /// Delivers every frame of a source and drops none. It also ends at SIGINT and SIGTERM.

@@ -35,6 +35,7 @@ int run(int argc, char** argv) {
   curlew::add_simulate(app);
   curlew::add_calibrate(app);
   curlew::add_replay(app);
+  curlew::add_merge(app);
   curlew::add_run(app);
   curlew::add_control(app);
   curlew::add_bench(app);

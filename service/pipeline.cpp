@@ -171,6 +171,18 @@ bool Pipeline::adopt(std::shared_ptr<const Plan> plan) {
   return true;
 }
 
+std::optional<FollowerMemory> Pipeline::memory() const {
+  const SlotSet& newest = *sets_.back();
+  if (!newest.follower) return std::nullopt;
+  return newest.follower->memory();
+}
+
+void Pipeline::recall(const FollowerMemory& memory) {
+  const SlotSet& newest = *sets_.back();
+  if (newest.follower && newest.plan->level)
+    newest.follower->recall(newest.plan->centroid, *newest.plan->level, memory);
+}
+
 /// Takes up a pending plan at once, because between runs no slot is in use, and clears all slots.
 void Pipeline::start_sets() {
   if (SlotSet* next = pending_.load(std::memory_order_acquire)) {

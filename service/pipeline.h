@@ -86,6 +86,12 @@ class Pipeline {
   /// taken up, which takes one frame for each slot. Then try again later.
   bool adopt(std::shared_ptr<const Plan> plan);
 
+  /// What frames have taught the windows of the newest plan; empty if they stay where they are. Not
+  /// during a run.
+  std::optional<FollowerMemory> memory() const;
+  /// Lets the windows go on as after the frames that taught `memory`. Not during a run.
+  void recall(const FollowerMemory& memory);
+
  private:
   /// A plan and the slots made for it. What frames have taught may be shared with the set before.
   struct SlotSet {

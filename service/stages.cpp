@@ -9,6 +9,7 @@
 #include "centroiding/systematic_error.h"
 #include "core/error.h"
 #include "core/memory_limit.h"
+#include "service/frame_time.h"
 #include "service/sensor/sensor_file.h"
 
 namespace curlew {
@@ -43,13 +44,6 @@ void slopes(const Plan& plan, FrameSlot& slot) noexcept {
 void detect(const Plan& plan, FrameSlot& slot) noexcept {
   detect_candidates(plan.detect, slot.frame->view(), slot.centroids, slot.weak_slopes,
                     slot.detect_workspace, slot.circulation, slot.candidates);
-}
-
-/// Returns the time by the camera's clock, else the time of receipt, else one second a frame.
-double time_s(const FrameHeader& header) noexcept {
-  if (header.camera_ns != 0) return 1e-9 * static_cast<double>(header.camera_ns);
-  if (header.received_ns != 0) return 1e-9 * static_cast<double>(header.received_ns);
-  return static_cast<double>(header.sequence);
 }
 
 void track(const Plan& plan, FrameSlot& slot) noexcept {

@@ -12,6 +12,7 @@
 #include "acquisition/aravis/aravis_network.h"
 #include "acquisition/aravis/aravis_receiver.h"
 #include "acquisition/aravis/aravis_settings.h"
+#include "acquisition/aravis/socket_filter.h"
 #include "acquisition/aravis/stream_socket.h"
 #include "core/error.h"
 
@@ -62,7 +63,8 @@ class AravisCamera final : public Camera {
   std::string failure() const override { return link_->failure(); }
   FrameCounts counts() const override {
     FrameCounts counts = receiver_->counts();
-    counts.refused_packets = socket_.refused();
+    counts.refused_packets =
+        socket_.refused() + packets_refused(camera_.get_deleter().control_socket);
     return counts;
   }
 

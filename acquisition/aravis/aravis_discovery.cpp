@@ -1,7 +1,10 @@
 #include "acquisition/aravis/aravis_discovery.h"
 
+#include <fcntl.h>
 #include <spdlog/fmt/fmt.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <chrono>
 #include <mutex>
 #include <thread>
@@ -10,6 +13,7 @@
 #include "acquisition/aravis/aravis_camera.h"
 #include "acquisition/aravis/aravis_network.h"
 #include "acquisition/aravis/genicam_description.h"
+#include "acquisition/aravis/socket_filter.h"
 #include "core/error.h"
 #include "core/printable.h"
 
@@ -30,6 +34,25 @@ void silence_aravis() {
     // Libraries below it complain of what cameras send in their own words.
     g_log_set_default_handler([](const char*, GLogLevelFlags, const char*, gpointer) {}, nullptr);
   });
+}
+
+/// Throws Failure if the process may not open some more files. Aravis 0.8.26 does not survive that
+/// it is refused a socket; it needs a few for each network interface, and some for a camera.
+void require_free_descriptors() {
+  constexpr int kEnough = 64;
+  std::vector<int> opened;
+  while (static_cast<int>(opened.size()) < kEnough) {
+    const int file = fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, 0);
+    if (file < 0) break;
+    opened.push_back(file);
+  }
+  const bool enough = static_cast<int>(opened.size()) == kEnough || errno == EBADF;
+  for (const int file : opened) close(file);
+  if (!enough)
+    throw Failure(fmt::format(
+        "aravis: only {} more files may be opened, and cameras may need {}; raise the limit "
+        "(`ulimit -n`, or LimitNOFILE= of the unit)",
+        opened.size(), kEnough));
 }
 
 /// Makes Aravis forget USB cameras that have been unplugged. It would open one, and complain on the
@@ -55,6 +78,7 @@ std::string describe(const std::string& vendor, const std::string& model, const 
 
 std::vector<Device> find_devices() {
   silence_aravis();
+  require_free_descriptors();
   arv_update_device_list();
   std::vector<Device> devices;
   for (unsigned i = 0; i < arv_get_n_devices(); ++i)
@@ -64,6 +88,13 @@ std::vector<Device> find_devices() {
                   text_or_empty(arv_get_device_serial_nbr(i)),
                   text_or_empty(arv_get_device_address(i)))});
   return devices;
+}
+
+std::string address_of(ArvGvDevice* device) {
+  GSocketAddress* socket = arv_gv_device_get_device_address(device);
+  const std::unique_ptr<char, GFree> text(
+      g_inet_address_to_string(g_inet_socket_address_get_address(G_INET_SOCKET_ADDRESS(socket))));
+  return text.get();
 }
 
 std::string only_device() {
@@ -97,20 +128,26 @@ void ReleaseCamera::operator()(ArvCamera* camera) const noexcept {
 
 CameraPtr open_aravis_device(const std::string& id) {
   silence_aravis();
+  require_free_descriptors();
   const std::string name = id.empty() ? only_device() : id;
   forget_unplugged();
   AravisError error;
   const auto refuse = [&] {
     throw Failure(fmt::format("aravis:{} cannot be opened: {}; {}", name, error.text(), kRemedy));
   };
+  const std::vector<UdpSocket> sockets = udp_sockets();
   const GObjectPtr<ArvDevice> device(arv_open_device(name.c_str(), error.out()));
   if (device == nullptr || error) refuse();
+  const int control = ARV_IS_GV_DEVICE(device.get())
+                          ? guard_control_channel(sockets, address_of(ARV_GV_DEVICE(device.get())))
+                          : -1;
   // Nothing has evaluated the description until here.
   std::size_t size = 0;
   const char* const description = arv_device_get_genicam_xml(device.get(), &size);
   check_genicam_description({description, description != nullptr ? size : 0}, "aravis:" + name);
   CameraPtr camera(arv_camera_new_with_device(device.get(), error.out()));
   if (camera == nullptr || error) refuse();
+  camera.get_deleter().control_socket = control;
   if (arv_camera_is_gv_device(camera.get()) &&
       !arv_gv_device_is_controller(ARV_GV_DEVICE(arv_camera_get_device(camera.get())))) {
     if (!gige_device_answers(address_of(camera.get())))
@@ -125,11 +162,7 @@ CameraPtr open_aravis_device(const std::string& id) {
 
 std::string address_of(ArvCamera* camera) {
   if (!arv_camera_is_gv_device(camera)) return {};
-  GSocketAddress* socket =
-      arv_gv_device_get_device_address(ARV_GV_DEVICE(arv_camera_get_device(camera)));
-  const std::unique_ptr<char, GFree> text(
-      g_inet_address_to_string(g_inet_socket_address_get_address(G_INET_SOCKET_ADDRESS(socket))));
-  return text.get();
+  return address_of(ARV_GV_DEVICE(arv_camera_get_device(camera)));
 }
 
 std::string describe(ArvCamera* camera) {

@@ -11,13 +11,15 @@ namespace curlew {
 /// Releases a camera. Aravis tells a GigE Vision camera good-bye and waits seconds for its answer.
 /// If nobody is there to answer, that is left to a thread which ends by itself.
 struct ReleaseCamera {
-  bool lost = false;  ///< whether Aravis reported the camera lost
+  bool lost = false;        ///< whether Aravis reported the camera lost
+  int control_socket = -1;  ///< Aravis' socket for a GigE Vision camera's answers; −1 for others
   void operator()(ArvCamera* camera) const noexcept;
 };
 using CameraPtr = std::unique_ptr<ArvCamera, ReleaseCamera>;
 
 /// Opens a camera by its device id or its address, or the only camera there is if id is empty, and
-/// takes control. Throws Failure, with the remedy, if it cannot.
+/// takes control. From then on answers of others than the camera are refused. Throws Failure, with
+/// the remedy, if it cannot. One thread at a time may open cameras.
 CameraPtr open_aravis_device(const std::string& id);
 
 /// Returns vendor, model, serial number and address of an open camera. Throws Failure if it stopped

@@ -1,48 +1,23 @@
 #include "acquisition/aravis/stream_socket.h"
 
 #include <arpa/inet.h>
-#include <linux/filter.h>
-#include <linux/sock_diag.h>
 #include <netinet/in.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
-#include <array>
+#include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <chrono>
-#include <filesystem>
 #include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
 
+#include "acquisition/aravis/socket_filter.h"
 #include "core/error.h"
 
 namespace curlew {
 namespace {
-
-bool is_udp_on_port(int fd, int port) {
-  int type = 0;
-  socklen_t length = sizeof type;
-  if (getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &length) != 0 || type != SOCK_DGRAM) return false;
-  sockaddr_in address{};
-  length = sizeof address;
-  return getsockname(fd, reinterpret_cast<sockaddr*>(&address), &length) == 0 &&
-         address.sin_family == AF_INET && ntohs(address.sin_port) == port;
-}
-
-int find_socket(int port) {
-  std::error_code error;
-  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", error)) {
-    const std::string name = entry.path().filename().string();
-    int fd = -1;
-    std::from_chars(name.data(), name.data() + name.size(), fd);
-    if (fd >= 0 && is_udp_on_port(fd, port)) return fd;
-  }
-  return -1;
-}
 
 constexpr std::uint32_t kUdpHeader = 8;  // bytes; the filter sees the packet from there on
 // These are bytes of GVSP's header, and where in it is what the packet holds.
@@ -110,13 +85,6 @@ std::vector<sock_filter> camera_filter(std::uint32_t address, std::uint16_t port
   return program;
 }
 
-std::int64_t packets_refused(int fd) {
-  std::array<std::uint32_t, SK_MEMINFO_VARS> numbers{};
-  socklen_t length = sizeof numbers;
-  if (fd < 0 || getsockopt(fd, SOL_SOCKET, SO_MEMINFO, numbers.data(), &length) != 0) return 0;
-  return numbers[SK_MEMINFO_DROPS];
-}
-
 /// Waits until Aravis' thread has read what came before the filter; a tenth of a second at most.
 void drain(int fd) {
   int waiting = 1;
@@ -128,12 +96,13 @@ void drain(int fd) {
 
 void StreamSocket::guard(int port, const StreamSender& sender) {
   in_addr address{};
-  const int fd = find_socket(port);
+  const std::vector<UdpSocket> sockets = udp_sockets();
+  const auto found = std::find_if(sockets.begin(), sockets.end(),
+                                  [&](const UdpSocket& socket) { return socket.port == port; });
+  const int fd = found == sockets.end() ? -1 : found->fd;
   if (fd < 0 || inet_pton(AF_INET, sender.address.c_str(), &address) != 1)
     throw Failure("the socket for the frames of " + sender.address + " cannot be found");
-  std::vector<sock_filter> program = camera_filter(ntohl(address.s_addr), sender.port);
-  const sock_fprog filter{static_cast<unsigned short>(program.size()), program.data()};
-  if (setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) != 0)
+  if (!attach_filter(fd, camera_filter(ntohl(address.s_addr), sender.port)))
     throw Failure("the kernel does not let the socket for the frames of " + sender.address +
                   " be guarded against others: " + std::generic_category().message(errno));
   drain(fd);

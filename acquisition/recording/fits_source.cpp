@@ -217,52 +217,64 @@ void FitsSource::read_frame_table() {
   file.select(cube_->hdus.front());
 }
 
-Delivery FitsSource::next(FrameBuffer& into) {
-  if (into.format().bytes() != format_.bytes()) {
-    throw Failure(paths_.front() + " has frames of " + std::to_string(format_.bytes()) +
-                  " bytes, and the buffer takes " + std::to_string(into.format().bytes()));
-  }
-  if (!cube_ || frame_in_file_ == cube_->frames) {
-    if (!open_next_file()) {
-      cube_.reset();
-      return Delivery::kEnd;
-    }
+/// Passes to the next frame, which is frame_in_file_ - 1 then, and numbers it. Returns false at the
+/// end.
+bool FitsSource::next_header(FrameHeader& header) {
+  if ((!cube_ || frame_in_file_ == cube_->frames) && !open_next_file()) {
+    cube_.reset();
+    return false;
   }
   const auto n = static_cast<std::size_t>(frame_in_file_);
   const auto value_or = [n](const auto& column, auto otherwise) {
     return n < column.size() ? column[n] : otherwise;
   };
-  FrameHeader& header = into.header;
   header.sequence = value_or(table_.sequence, next_sequence_);
   header.renumbered = frame_in_file_ == 0;
   header.camera_ns = value_or(table_.camera_ns, std::int64_t{0});
   header.received_ns = value_or(table_.received_ns, std::int64_t{0});
   header.status = static_cast<std::uint32_t>(value_or(table_.status, std::int32_t{0}));
-  read_pixels(into);
-  header.received = std::chrono::steady_clock::now();
-  into.rows_ready.store(format_.rows, std::memory_order_release);
   // A file may say anything; after the last number comes 0.
   constexpr auto kLast = std::numeric_limits<std::int64_t>::max();
   next_sequence_ = header.sequence == kLast ? 0 : header.sequence + 1;
   ++frame_in_file_;
+  return true;
+}
+
+void FitsSource::skip(std::int64_t frames) {
+  FrameHeader header;
+  while (frames-- > 0 && next_header(header)) {
+  }
+}
+
+Delivery FitsSource::next(FrameBuffer& into) {
+  if (into.format().bytes() != format_.bytes()) {
+    throw Failure(paths_.front() + " has frames of " + std::to_string(format_.bytes()) +
+                  " bytes, and the buffer takes " + std::to_string(into.format().bytes()));
+  }
+  FrameHeader& header = into.header;
+  if (!next_header(header)) return Delivery::kEnd;
+  read_pixels(into);
+  header.received = std::chrono::steady_clock::now();
+  into.rows_ready.store(format_.rows, std::memory_order_release);
   return Delivery::kFrame;
 }
 
 void FitsSource::read_pixels(FrameBuffer& into) {
+  const std::int64_t frame = frame_in_file_ - 1;
   const std::size_t n = format_.pixels();
   auto* counts = reinterpret_cast<std::uint16_t*>(into.data());
   switch (reading_) {
     case Reading::kU8:
-      cube_->read_frame(frame_in_file_, std::span(reinterpret_cast<std::uint8_t*>(into.data()), n));
+      cube_->read_frame(frame, std::span(reinterpret_cast<std::uint8_t*>(into.data()), n));
       return;
     case Reading::kU16:
-      cube_->read_frame(frame_in_file_, std::span(counts, n));
+      cube_->read_frame(frame, std::span(counts, n));
       return;
     case Reading::kWrapped:
-      cube_->read_frame(frame_in_file_, std::span(reinterpret_cast<std::int16_t*>(into.data()), n));
+      cube_->read_frame(frame, std::span(reinterpret_cast<std::int16_t*>(into.data()), n));
       return;
     case Reading::kI16:
-      cube_->read_frame(frame_in_file_, std::span(reinterpret_cast<std::int16_t*>(into.data()), n));
+      cube_->read_frame(frame, std::span(reinterpret_cast<std::int16_t*>(into.data()), n));
       // This adds 32768 in two's complement.
       for (std::size_t k = 0; k < n; ++k)
         counts[k] = static_cast<std::uint16_t>(counts[k] ^ 0x8000U);
@@ -270,7 +282,7 @@ void FitsSource::read_pixels(FrameBuffer& into) {
     case Reading::kMapped:
       break;
   }
-  cube_->read_values(frame_in_file_, std::span(values_.data(), values_.size()));
+  cube_->read_values(frame, std::span(values_.data(), values_.size()));
   const double counts_per_adu = 1.0 / format_.scale_adu;
   std::size_t finite = 0;
   for (std::size_t k = 0; k < n; ++k) {

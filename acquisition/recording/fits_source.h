@@ -42,6 +42,9 @@ class FitsSource : public FrameSource {
   /// into: made with this source's format(). The function allocates only when it passes to the next
   /// file, and for tile-compressed images.
   Delivery next(FrameBuffer& into) override;
+  /// Passes over so many frames, whose pixels are not read. Those that come after them are numbered
+  /// as if they had been.
+  void skip(std::int64_t frames);
 
   /// These come from the first file's keys; what the keys do not say keeps its default (mostly
   /// NaN).
@@ -75,6 +78,7 @@ class FitsSource : public FrameSource {
   FarPixels find_far_pixels(const PixelMap& map, Image<std::uint8_t>& bad);
   void report_map(const PixelMap& map, std::int64_t not_finite, const FarPixels& far);
   bool open_next_file();
+  bool next_header(FrameHeader& header);
   void read_frame_table();
   void read_pixels(FrameBuffer& into);
 

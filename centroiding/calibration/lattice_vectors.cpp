@@ -95,12 +95,13 @@ void transform_rows(Image<Complex>& image, bool forward) {
   }
 }
 
-Image<Complex> transpose(const Image<Complex>& in) {
-  Image<Complex> out(in.cols(), in.rows());
-  for (int r = 0; r < in.rows(); ++r) {
-    for (int c = 0; c < in.cols(); ++c) out(c, r) = in(r, c);
-  }
-  return out;
+/// Goes block by block, because a column of a large image is a cache line a pixel.
+void transpose(const Image<Complex>& in, Image<Complex>& out) {
+  constexpr int kBlock = 16;
+  for (int top = 0; top < in.rows(); top += kBlock)
+    for (int left = 0; left < in.cols(); left += kBlock)
+      for (int c = left; c < std::min(left + kBlock, in.cols()); ++c)
+        for (int r = top; r < std::min(top + kBlock, in.rows()); ++r) out(c, r) = in(r, c);
 }
 
 /// Returns the autocorrelation for lags up to `reach` px, divided by its value at lag 0. Its rows
@@ -110,12 +111,13 @@ Image<float> autocorrelate(const Image<float>& in, int reach) {
   for (int r = 0; r < in.rows(); ++r) {
     for (int c = 0; c < in.cols(); ++c) field(r, c) = in(r, c);
   }
+  Image<Complex> turned(field.cols(), field.rows());
   transform_rows(field, true);
-  field = transpose(field);
-  transform_rows(field, true);
-  for (Complex& value : field) value = std::norm(value);
-  transform_rows(field, false);
-  field = transpose(field);
+  transpose(field, turned);
+  transform_rows(turned, true);
+  for (Complex& value : turned) value = std::norm(value);
+  transform_rows(turned, false);
+  transpose(turned, field);
   transform_rows(field, false);
   const float norm = field(0, 0).real();
   Image<float> lags(reach + 1, 2 * reach + 1);
@@ -184,8 +186,9 @@ std::vector<Peak> find_peaks(const Lags& lags, double min_height) {
     for (int x = -reach + 1; x < reach; ++x) {
       const double length = std::hypot(x, y);
       const float here = lags(x, y);
+      // Where the picture's values are beyond all measure, the height is no number.
       if (length < kShortestPitchPx || (y == 0 && x < 0) ||
-          static_cast<double>(here) < min_height) {
+          !(static_cast<double>(here) >= min_height)) {
         continue;
       }
       const double clear = std::max(kClear * length, 1.5);

@@ -52,6 +52,13 @@ int last_index(int wanted, std::size_t lenslets) {
   }
 }
 
+/// Modes that the lenslets do not tell apart leave a pivot that is nothing but rounding.
+bool tells_apart(const Eigen::LLT<Eigen::MatrixXd>& factor) {
+  constexpr double kSmallestPivot = 1e-5;
+  const auto pivots = factor.matrixLLT().diagonal();
+  return pivots.minCoeff() > kSmallestPivot * pivots.maxCoeff();
+}
+
 }  // namespace
 
 ModePlan::ModePlan(const Image<std::uint8_t>& valid, int last_noll)
@@ -117,13 +124,26 @@ void ModePlan::orthonormalise() {
   annular_from_disc_ = factor.bottomRightCorner(modes(), modes()).transpose();
 }
 
+ModeResponse ModePlan::response() const {
+  const Eigen::LLT<Eigen::MatrixXd> factor(normal_);
+  if (modes() == 0 || factor.info() != Eigen::Success || !tells_apart(factor)) return {};
+  return {lenslets_, annular_from_disc_ * factor.solve(slopes_x_),
+          annular_from_disc_ * factor.solve(slopes_y_)};
+}
+
 ModeFit::ModeFit(const ModePlan& plan)
     : plan_(plan),
       factor_of_all_(plan.normal_),
       factor_(plan.normal_.rows()),
       normal_(plan.normal_),
       right_(plan.modes()),
-      coefficients_(plan.modes()) {}
+      coefficients_(plan.modes()),
+      response_of_all_(plan.response()),
+      inverse_(plan.modes(), plan.modes()),
+      solved_(plan.modes(), plan.modes()),
+      column_x_(plan.modes()),
+      column_y_(plan.modes()),
+      errors_(plan.modes()) {}
 
 bool ModeFit::fit(const SlopeField& slopes) noexcept {
   right_.setZero();
@@ -142,18 +162,50 @@ bool ModeFit::fit(const SlopeField& slopes) noexcept {
     normal_.noalias() -= plan_.slopes_y_.col(column) * plan_.slopes_y_.col(column).transpose();
   }
   if (!all) factor_.compute(normal_);
+  all_ = all;
+  fitted_ = false;
   const Eigen::LLT<Eigen::MatrixXd>& factor = all ? factor_of_all_ : factor_;
-  // Modes that the lenslets do not tell apart leave a pivot that is nothing but rounding.
-  constexpr double kSmallestPivot = 1e-5;
-  const auto pivots = factor.matrixLLT().diagonal();
-  if (plan_.modes() == 0 || factor.info() != Eigen::Success ||
-      !(pivots.minCoeff() > kSmallestPivot * pivots.maxCoeff())) {
+  if (plan_.modes() == 0 || factor.info() != Eigen::Success || !tells_apart(factor)) {
     coefficients_.setConstant(std::numeric_limits<double>::quiet_NaN());
     return false;
   }
   factor.solveInPlace(right_);
   coefficients_.noalias() = plan_.annular_from_disc_ * right_;
+  fitted_ = true;
   return true;
+}
+
+// With c = R·s the variance of a coefficient is R·C·Rᵀ, where C is the covariance of each lenslet's
+// two slopes.
+const Eigen::VectorXd& ModeFit::find_errors(const SlopeField& slopes) noexcept {
+  if (!fitted_) {
+    errors_.setConstant(std::numeric_limits<double>::quiet_NaN());
+    return errors_;
+  }
+  if (!all_) {
+    solved_.setIdentity();
+    factor_.solveInPlace(solved_);
+    inverse_.noalias() = plan_.annular_from_disc_ * solved_;
+  }
+  errors_.setZero();
+  for (std::size_t i = 0; i < plan_.lenslets_.size(); ++i) {
+    const std::size_t k = plan_.lenslets_[i];
+    if (slopes.valid[k] == 0) continue;
+    const auto column = static_cast<Eigen::Index>(i);
+    if (all_) {
+      column_x_ = response_of_all_.x.col(column);
+      column_y_ = response_of_all_.y.col(column);
+    } else {
+      column_x_.noalias() = inverse_ * plan_.slopes_x_.col(column);
+      column_y_.noalias() = inverse_ * plan_.slopes_y_.col(column);
+    }
+    errors_.array() +=
+        static_cast<double>(slopes.variance_x[k]) * column_x_.array().square() +
+        static_cast<double>(slopes.variance_y[k]) * column_y_.array().square() +
+        2.0 * static_cast<double>(slopes.covariance_xy[k]) * column_x_.array() * column_y_.array();
+  }
+  errors_ = errors_.cwiseMax(0.0).cwiseSqrt();
+  return errors_;
 }
 
 }  // namespace curlew

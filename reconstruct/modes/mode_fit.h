@@ -13,6 +13,13 @@
 
 namespace curlew {
 
+/// How the coefficients of the modes follow from the slopes: c = Σ x·s_x + y·s_y over lenslets.
+struct ModeResponse {
+  std::vector<std::size_t> lenslets;  ///< indices k of the lit ones
+  Eigen::MatrixXd x;                  ///< [modes, lit lenslets], rad for a slope of 1 rad a pitch
+  Eigen::MatrixXd y;
+};
+
 /// The modes are Noll's polynomials from j = 2 on, over a disc, or over an annulus orthonormalised
 /// in Noll's order (V. N. Mahajan, J. Opt. Soc. Am. 71, 75 (1981)). Each has mean square 1 over the
 /// pupil. Const after construction.
@@ -27,6 +34,9 @@ class ModePlan {
   int modes() const { return static_cast<int>(zernikes_.size()); }
   /// The polynomial of mode i, over the disc.
   const Zernike& zernike(int i) const { return zernikes_[static_cast<std::size_t>(i)]; }
+  /// Returns how the coefficients follow where no lenslet is missing; of no lenslets where the lit
+  /// ones do not tell the modes apart.
+  ModeResponse response() const;
 
  private:
   friend class ModeFit;
@@ -58,6 +68,11 @@ class ModeFit {
   /// Coefficients in rad rms, [modes].
   const Eigen::VectorXd& coefficients() const { return coefficients_; }
 
+  /// Call it after fit() with the same slopes. Returns the standard errors of the coefficients,
+  /// [modes], rad rms, as they follow from the slopes' variances; NaN where fit() gave none. What
+  /// modes beyond the last one add to the coefficients is not in them.
+  const Eigen::VectorXd& find_errors(const SlopeField& slopes) noexcept;
+
  private:
   const ModePlan& plan_;
   Eigen::LLT<Eigen::MatrixXd> factor_of_all_;
@@ -65,6 +80,14 @@ class ModeFit {
   Eigen::MatrixXd normal_;
   Eigen::VectorXd right_;
   Eigen::VectorXd coefficients_;
+  bool fitted_ = false;
+  bool all_ = true;  ///< no lenslet was missing in the last fit
+  ModeResponse response_of_all_;
+  Eigen::MatrixXd inverse_;  ///< of the normal matrix, times annular_from_disc_ from the left
+  Eigen::MatrixXd solved_;
+  Eigen::VectorXd column_x_;
+  Eigen::VectorXd column_y_;
+  Eigen::VectorXd errors_;
 };
 
 }  // namespace curlew

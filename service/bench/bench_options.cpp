@@ -1,9 +1,14 @@
 #include "service/bench/bench_options.h"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <nlohmann/json.hpp>
+#include <utility>
 
 #include "core/error.h"
+#include "service/bench/bench_comparison.h"
 
 namespace curlew {
 
@@ -37,7 +42,31 @@ void BenchRounds::add_to(CLI::App& command) {
       ->check(CLI::Range(1, 1000000))
       ->capture_default_str();
   command.add_flag("--quick", quick, "3 rounds: shows that all runs");
+  output.add_to(command);
+}
+
+void BenchOutput::add_to(CLI::App& command) {
   command.add_flag("--json", json, "print JSON");
+  command.add_option("--compare", compare,
+                     "a file that --json made earlier: say which figures have changed since, and "
+                     "which differ no more than they do by themselves");
+}
+
+void BenchOutput::print(nlohmann::ordered_json figures, const std::string& text) const {
+  std::string more;
+  if (!compare.empty()) {
+    const std::vector<ComparedFigure> compared = compare_figures(read_figures(compare), figures);
+    if (compared.empty())
+      throw Failure(compare +
+                    " has no figure that this benchmark has: give what the same command "
+                    "printed with --json, of the same sizes");
+    figures["compared"] = comparison_json(compared);
+    more = comparison_text(compared);
+  }
+  if (json)
+    fmt::print("{}\n", figures.dump(2));
+  else
+    fmt::print("{}{}", text, more);
 }
 
 int BenchRounds::count() const { return quick ? std::min(rounds, 3) : rounds; }

@@ -1,7 +1,9 @@
-// The options that benchmarks of single stages share say how large the frame is and how often to
-// measure.
+// The options that benchmarks of single stages share say how large the frame is, how often to
+// measure, and what to print.
 #pragma once
 
+#include <nlohmann/json_fwd.hpp>
+#include <string>
 #include <vector>
 
 #include "service/bench/bench_frames.h"
@@ -25,11 +27,22 @@ struct BenchSize {
   std::vector<BenchCase> lenslet_cases(const std::vector<BenchCase>& standard) const;
 };
 
-/// Holds --rounds, --quick and --json.
+/// Holds --json and --compare, which say how the figures of a benchmark are given.
+struct BenchOutput {
+  bool json = false;
+  std::string compare;  ///< a file of earlier figures; empty: none
+
+  void add_to(CLI::App& command);
+  /// Prints the figures: `text`, or the JSON if that was asked for. What has changed since the
+  /// earlier figures goes after the text, or into the JSON under "compared".
+  void print(nlohmann::ordered_json figures, const std::string& text) const;
+};
+
+/// Holds --rounds and --quick, and the output.
 struct BenchRounds {
   int rounds = 300;
   bool quick = false;
-  bool json = false;
+  BenchOutput output = {};
 
   void add_to(CLI::App& command);
   /// Returns how many rounds to run.

@@ -1,95 +1,18 @@
 #include "service/bench/centroid_benchmark.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <functional>
-#include <memory>
 #include <numbers>
 
 #include "centroiding/centroid.h"
 #include "centroiding/centroid_methods.h"
+#include "service/bench/plain_loops.h"
 #include "service/stages.h"
 
 namespace curlew {
 namespace {
-
-/// Returns how many bytes the second cache holds. It is a guess if the system does not say.
-std::size_t second_cache_bytes() {
-  constexpr std::size_t kGuess = std::size_t{2} << 20U;
-  const long bytes = sysconf(_SC_LEVEL2_CACHE_SIZE);
-  return bytes > 0 ? static_cast<std::size_t>(bytes) : kGuess;
-}
-
-/// Holds frames of one case, and knows whose turn it is.
-class FrameRotation {
- public:
-  FrameRotation(const BenchCase& which, PixelType pixel_type)
-      : format_(bench_format(which, pixel_type)) {
-    const std::size_t n = 2 + 2 * second_cache_bytes() / format_.bytes();
-    for (std::size_t i = 0; i < n; ++i) frames_.push_back(draw(which, i + 1));
-  }
-
-  const FrameFormat& format() const { return format_; }
-  std::size_t size() const { return frames_.size(); }
-  void advance() { current_ = (current_ + 1) % frames_.size(); }
-  FrameBuffer& current() const { return *frames_[current_]; }
-
- private:
-  std::unique_ptr<FrameBuffer> draw(const BenchCase& which, std::uint64_t seed) const {
-    auto frame = std::make_unique<FrameBuffer>(format_);
-    const AlignedVector<std::byte> pixels =
-        bench_pixels(make_bench_frame(which, BenchSlopes::kRandom, seed), format_);
-    std::copy(pixels.begin(), pixels.end(), frame->data());
-    frame->rows_ready = format_.rows;
-    return frame;
-  }
-
-  FrameFormat format_;
-  std::vector<std::unique_ptr<FrameBuffer>> frames_;
-  std::size_t current_ = 0;
-};
-
-/// Runs the plain loops over one case's frames.
-template <typename Pixel>
-class PlainLoops {
- public:
-  PlainLoops(const BenchCase& which, const FrameRotation& frames, const PlainMaps& maps)
-      : which_(which),
-        frames_(frames),
-        maps_(maps),
-        x_(which.rows, which.cols),
-        y_(x_),
-        flux_(x_),
-        column_sum_(2, which.cols * which.window_px) {}
-
-  void find(PlainBuild build, PlainOrder order) {
-    const PlainFrame<Pixel> frame{.rows = which_.rows,
-                                  .cols = which_.cols,
-                                  .window_px = which_.window_px,
-                                  .pixels = frames_.current().view().template data<Pixel>(),
-                                  .gain = maps_.gain.data(),
-                                  .offset = maps_.offset.data()};
-    find_plain_centroids(build, order, frame,
-                         {x_.data(), y_.data(), flux_.data(), column_sum_.data()});
-  }
-  void read(PlainBuild build) {
-    sum_ = sum_pixels(build, frames_.current().view().template data<Pixel>(),
-                      static_cast<std::int64_t>(frames_.format().pixels()));
-  }
-
- private:
-  const BenchCase& which_;
-  const FrameRotation& frames_;
-  const PlainMaps& maps_;
-  Image<float> x_;
-  Image<float> y_;
-  Image<float> flux_;
-  Image<float> column_sum_;
-  volatile std::uint64_t sum_ = 0;  // keeps the compiler from leaving the reading out
-};
 
 /// Says how sharp a bench frame's spots are at most, as a calibration would find it.
 double spot_sharpness(const BenchCase& which) {
@@ -107,23 +30,6 @@ Sensor tilted(Sensor sensor, double degrees) {
   return sensor;
 }
 
-/// Returns the build that is fastest when nothing disturbs it, which the first tenth of the rounds
-/// shows. It need not be the one of the widest vectors: they do not suit windows of a few pixels.
-PlainBuild fastest_build(int rounds, const std::function<void(PlainBuild)>& run) {
-  std::vector<PlainBuild> builds;
-  std::vector<TimedRun> runs;
-  for (const PlainBuild build : kPlainBuilds) {
-    if (!can_run(build)) continue;
-    builds.push_back(build);
-    runs.push_back({{}, [&run, build] { run(build); }});
-  }
-  const std::vector<RoundTimes> times = time_in_turn(runs, rounds);
-  const auto fastest = std::min_element(
-      times.begin(), times.end(),
-      [](const RoundTimes& a, const RoundTimes& b) { return a.p10_us < b.p10_us; });
-  return builds[static_cast<std::size_t>(fastest - times.begin())];
-}
-
 CentroidTimes time_all(const std::vector<std::function<void()>>& things, int rounds,
                        const std::function<void()>& prepare) {
   std::vector<TimedRun> runs;
@@ -136,7 +42,7 @@ CentroidTimes time_all(const std::vector<std::function<void()>>& things, int rou
 
 template <typename Pixel>
 CentroidBenchmark time_pixels(const BenchCase& which, PixelType pixel_type, int rounds) {
-  FrameRotation frames(which, pixel_type);
+  FrameRotation frames(which, pixel_type, BenchSlopes::kRandom);
   const FrameFormat& format = frames.format();
   Config config;
   config.centroid.threshold_adu = kBenchThresholdAdu;
@@ -189,19 +95,6 @@ CentroidBenchmark time_pixels(const BenchCase& which, PixelType pixel_type, int 
 }
 
 }  // namespace
-
-PlainMaps::PlainMaps(const Sensor& sensor, const FrameFormat& format, double threshold_adu)
-    : gain(format.rows, format.cols), offset(format.rows, format.cols) {
-  const double threshold = threshold_adu / format.scale_adu;
-  for (std::size_t i = 0; i < gain.size(); ++i) {
-    const auto response = static_cast<double>(sensor.flat[i]);
-    const double dark =
-        (static_cast<double>(sensor.dark_adu[i]) - format.zero_adu) / format.scale_adu;
-    const bool bad = sensor.bad_pixel[i] != 0;
-    gain[i] = bad ? 0.0F : static_cast<float>(1.0 / response);
-    offset[i] = static_cast<float>(bad ? threshold : dark / response + threshold);
-  }
-}
 
 CentroidBenchmark time_centroids(const BenchCase& which, PixelType pixel_type, int rounds) {
   return pixel_type == PixelType::kU8 ? time_pixels<std::uint8_t>(which, pixel_type, rounds)

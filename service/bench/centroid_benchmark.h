@@ -6,24 +6,12 @@
 #include <string>
 #include <vector>
 
-#include "centroiding/sensor.h"
 #include "core/frame.h"
-#include "core/image.h"
 #include "service/bench/bench_frames.h"
 #include "service/bench/plain_centroid.h"
 #include "service/bench/timed_rounds.h"
 
 namespace curlew {
-
-/// Holds the maps that plain loops take, in the order of the frame's pixels.
-struct PlainMaps {
-  /// Makes them from the sensor's dark, flat and bad pixels, which must be there. threshold_adu is
-  /// above the dark.
-  PlainMaps(const Sensor& sensor, const FrameFormat& format, double threshold_adu);
-
-  Image<float> gain;    ///< [rows, cols] of pixels
-  Image<float> offset;  ///< the same, counts
-};
 
 /// Says how long one frame takes.
 struct CentroidTimes {

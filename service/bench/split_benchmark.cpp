@@ -8,12 +8,14 @@
 #include "acquisition/simulator/simulator_options.h"
 #include "core/as_size.h"
 #include "reconstruct/split.h"
+#include "service/bench/plain_centroid.h"
 #include "service/bench/plain_split.h"
 
 namespace curlew {
 namespace {
 
 constexpr int kFrames = 8;
+constexpr std::size_t kWindowPixels = 100;
 constexpr float kNoise = 0.3F;      // rad a pitch
 constexpr float kVariance = 0.09F;  // of a lenslet of mean flux
 
@@ -86,7 +88,8 @@ class SplitTrial {
         split_(pupil.rows(), pupil.cols()),
         plain_float_(pupil),
         plain_double_(pupil),
-        plain_kept_(pupil) {
+        plain_kept_(pupil),
+        pixels_(pupil.size() * kWindowPixels) {
     for (int i = 0; i < kFrames; ++i)
       frames_.push_back(disturbed_slopes(pupil, disturbance, static_cast<std::uint64_t>(i) + 1));
   }
@@ -100,7 +103,8 @@ class SplitTrial {
     std::vector<TimedRun> runs{{advance, split},
                                {split, split},
                                {{}, [this] { solve_anew(plain_float_); }},
-                               {{}, [this] { solve_anew(plain_double_); }}};
+                               {{}, [this] { solve_anew(plain_double_); }},
+                               {[this] { read(); }, [this] { read(); }}};
     if (disturbance_ == SplitDisturbance::kNone) {
       plain_kept_.factorise(frames_[0], weighted_);
       runs.push_back({{}, [this] { plain_kept_.solve(frames_[current_]); }});
@@ -110,11 +114,16 @@ class SplitTrial {
     result.warm = times[1];
     result.plain_float = times[2];
     result.plain_double = times[3];
-    if (times.size() > 4) result.plain_kept = times[4];
+    result.read = times[4];
+    if (times.size() > 5) result.plain_kept = times[5];
     return result;
   }
 
  private:
+  void read() {
+    sum_ = sum_pixels(PlainBuild::kPortable, pixels_.data(),
+                      static_cast<std::int64_t>(pixels_.size()));
+  }
   template <typename Scalar>
   void solve_anew(PlainSplit<Scalar>& plain, int refinements = 0) {
     plain.factorise(frames_[current_], weighted_);
@@ -150,6 +159,8 @@ class SplitTrial {
   PlainSplit<float> plain_float_;
   PlainSplit<double> plain_double_;
   PlainSplit<float> plain_kept_;
+  std::vector<std::uint16_t> pixels_;
+  volatile std::uint64_t sum_ = 0;  // keeps the compiler from leaving the reading out
   std::vector<SlopeField> frames_;
   std::size_t current_ = 0;
 };

@@ -150,16 +150,15 @@ void bench_centroid(const CentroidBenchOptions& options) {
       progress.step();
     }
   }
-  if (options.rounds.json) {
-    fmt::print("{}\n", json.dump(2));
-    return;
-  }
-  fmt::print("{}{} rounds{}\n{}", machine_text(), rounds,
-             options.methods ? ""
-                             : ". curlew: the whole stage with windows that stay; plain C: flux "
-                               "and first moments only, "
-                               "by windows or, which windows in a grid allow, by whole rows",
-             text);
+  options.rounds.output.print(
+      std::move(json),
+      fmt::format("{}{} rounds{}\n{}", machine_text(), rounds,
+                  options.methods
+                      ? ""
+                      : ". curlew: the whole stage with windows that stay; plain C: flux "
+                        "and first moments only, "
+                        "by windows or, which windows in a grid allow, by whole rows",
+                  text));
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "service/bench/bench_options.h"
@@ -55,14 +56,12 @@ void bench_circulation(const CirculationBenchOptions& options) {
       text += line(result);
     }
   }
-  if (options.rounds.json) {
-    fmt::print("{}\n", json.dump(2));
-    return;
-  }
-  fmt::print(
-      "{}{} rounds: median (first to last tenth), us\n\n{:<11}{:>9}{:>7}{:>20}{:>20}{:>20}\n{}",
-      machine_text(), rounds, "lenslets", "vortices", "found", "circulation", "finding", "both",
-      text);
+  options.rounds.output.print(
+      std::move(json),
+      fmt::format(
+          "{}{} rounds: median (first to last tenth), us\n\n{:<11}{:>9}{:>7}{:>20}{:>20}{:>20}\n{}",
+          machine_text(), rounds, "lenslets", "vortices", "found", "circulation", "finding", "both",
+          text));
 }
 
 }  // namespace

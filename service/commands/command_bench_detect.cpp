@@ -11,6 +11,7 @@
 #include "core/error.h"
 #include "service/bench/bench_run.h"
 #include "service/bench/detection_benchmark.h"
+#include "service/bench/detection_export.h"
 #include "service/commands/commands.h"
 #include "service/commands/pupil_option.h"
 #include "service/program/version.h"
@@ -21,6 +22,7 @@ namespace {
 struct DetectOptionsOfBench {
   DetectionBenchmarkOptions benchmark;
   BenchRun run;
+  std::string export_folder;  ///< empty: measure
 };
 
 /// Says in advance how long the run will take.
@@ -134,6 +136,17 @@ std::string table(const DetectionCellResult& cell, int frames) {
   return text;
 }
 
+void export_benchmark(const DetectOptionsOfBench& options, const RealisationCache& cache) {
+  const DetectionBenchmarkOptions& benchmark = options.benchmark;
+  const int per_cell = benchmark.test_realisations + benchmark.validation_realisations;
+  const auto n = static_cast<std::int64_t>(benchmark.rytov_variances.size()) * per_cell;
+  options.run.watch("fields", n, [&](auto step) {
+    export_detection_benchmark(benchmark, cache, options.export_folder, step);
+    return 0;
+  });
+  fmt::print("{}: README.md says what is in it\n", options.export_folder);
+}
+
 void bench_detect(DetectOptionsOfBench options) {
   refuse_debug_build();
   DetectionBenchmarkOptions& benchmark = options.benchmark;
@@ -143,6 +156,10 @@ void bench_detect(DetectOptionsOfBench options) {
   }
   const RealisationCache cache(options.run.folder());
   announce(benchmark, cache);
+  if (!options.export_folder.empty()) {
+    export_benchmark(options, cache);
+    return;
+  }
   const int per_cell = benchmark.test_realisations + benchmark.validation_realisations;
   const auto n = static_cast<std::int64_t>(benchmark.rytov_variances.size()) * per_cell;
   const std::vector<DetectionCellResult> cells = options.run.watch(
@@ -217,6 +234,8 @@ void add_bench_detect(CLI::App& bench) {
       ->add_option("--brightest-pixels", benchmark.measurement.brightest_pixels,
                    "how many pixels the centroid brightest_pixels uses; 0: chosen")
       ->capture_default_str();
+  detect->add_option("--export", options->export_folder,
+                     "measure nothing, but write frames, truth and a scorer into this new folder");
   add_pupil_option(*detect, benchmark.measurement.pupil);
   detect
       ->add_option("--faded", benchmark.measurement.faded,

@@ -4,16 +4,23 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <functional>
 #include <memory>
+#include <thread>
 
 #include "acquisition/fits/partial_path.h"
 #include "acquisition/recording/fits_source.h"
 #include "centroiding/calibration/frame_noise.h"
 #include "core/error.h"
+#include "service/air/air_table.h"
 #include "service/commands/commands.h"
 #include "service/commands/force_flag.h"
+#include "service/commands/night_merge.h"
 #include "service/commands/pipeline_flags.h"
+#include "service/page/frame_store.h"
+#include "service/page/page_server.h"
+#include "service/page/report.h"
 #include "service/picture/frame_picture.h"
 #include "service/pipeline.h"
 #include "service/program/interrupt.h"
@@ -22,10 +29,13 @@
 #include "service/results/json_lines.h"
 #include "service/results/latency_report.h"
 #include "service/results/results_file.h"
+#include "service/results/track_summary.h"
 #include "service/results/truth_match.h"
 #include "service/results/vortex_printer.h"
 #include "service/sensor/optics_comparison.h"
 #include "service/sensor/sensor_file.h"
+#include "service/shards/shard_choice.h"
+#include "service/shards/shard_worker.h"
 #include "service/thread_placement.h"
 
 namespace curlew {
@@ -38,9 +48,13 @@ struct ReplayOptions {
   std::string region;
   PipelineFlags pipeline;
   std::string out;
+  std::string shard;
   std::string jsonl;
   std::string picture;
+  std::string page;  ///< where the page is served; empty: there is none
+  std::string report;
   std::vector<std::string> save;
+  AirOptions air;
   double pace_hz = 0.0;
   std::int64_t show = 3;
   Existing existing = Existing::kRefused;
@@ -94,13 +108,28 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
   return notes;
 }
 
+/// As check_usage, for a shard. What is there already is looked at later, because a shard that is
+/// done is not done again.
+void check_shard_usage(const ReplayOptions& options, const std::vector<std::string>& inputs) {
+  if (options.out.empty())
+    throw UsageError("--shard needs --out, the results file of all shards together");
+  if (!options.jsonl.empty() || !options.picture.empty() || !options.page.empty() ||
+      !options.report.empty() || options.air.window_s > 0.0 || options.pace_hz != 0.0)
+    throw UsageError(
+        "--jsonl, --picture, --page, --report, --air and --pace go with one run over all frames, "
+        "not --shard");
+  check_output(options.out, inputs, Existing::kReplaced);
+}
+
 /// Refuses options that contradict each other, before anything is read or written.
 void check_usage(const ReplayOptions& options, const FramePictureOptions& picture) {
   std::vector<std::string> inputs = options.recordings;
   inputs.push_back(options.sensor);
   inputs.push_back(options.pipeline.config);
+  if (!options.shard.empty()) return check_shard_usage(options, inputs);
   check_output(options.out, inputs, options.existing);
   check_output(picture.path, inputs, options.existing);
+  check_output(options.report, inputs, options.existing);
   check_stream_output(options.jsonl, inputs, options.existing);
   if (!options.save.empty() && options.out.empty())
     throw UsageError("--save goes into --out, name a file there");
@@ -132,10 +161,72 @@ struct ReplayFiles {
   }
 };
 
+/// The frames that page and report show, and the server of the page, where the user asked for them.
+class ShownFrames {
+ public:
+  ShownFrames(const ReplayOptions& options, std::shared_ptr<const Plan> plan) {
+    constexpr std::size_t kMostFrames = 1000;
+    constexpr std::size_t kMostBytes = 256'000'000;
+    if (!wanted(options)) return;
+    store_ = std::make_unique<FrameStore>(std::move(plan), options.recordings.front(), kMostFrames,
+                                          kMostBytes);
+    if (options.page.empty()) return;
+    PageOptions page;
+    page.listen = options.page;
+    server_ = std::make_unique<PageServer>(page, *store_);
+    fmt::print("the page is at {}\n", server_->url());
+    std::fflush(stdout);
+  }
+  FrameStore* store() const { return store_.get(); }
+
+  static bool wanted(const ReplayOptions& options) {
+    return !options.page.empty() || !options.report.empty();
+  }
+  /// There are no more frames; writes the report.
+  void finish(const ReplayOptions& options) const {
+    if (!store_) return;
+    store_->finish();
+    if (options.report.empty()) return;
+    write_report(options.report, *store_);
+    fmt::print("\n{}: the report, which any browser opens\n", options.report);
+  }
+  /// Shows the frames until the user ends the program.
+  void wait() const {
+    if (!server_) return;
+    fmt::print("\nthe page at {} shows the frames; Ctrl-C ends it\n", server_->url());
+    std::fflush(stdout);
+    while (!interrupted()) std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  }
+
+ private:
+  std::unique_ptr<FrameStore> store_;
+  std::unique_ptr<PageServer> server_;  ///< the last, because it uses the store
+};
+
+/// What is printed of the frames.
+struct ReplayTables {
+  VortexPrinter vortices;
+  TrackSummary tracks;
+  std::unique_ptr<AirTable> air;  ///< null if it was not asked for
+
+  void add(const FrameSlot& slot) {
+    vortices.add(slot);
+    tracks.add(slot.frame_index, slot.frame->header, slot.vortices);
+    if (air) air->add(slot);
+  }
+  void print() const {
+    constexpr std::size_t kMostTracks = 12;
+    vortices.summarize();
+    if (const std::string text = tracks.text(kMostTracks); !text.empty())
+      fmt::print("\n{}\n", text);
+    if (air) fmt::print("{}\n", air->text());
+  }
+};
+
 RunReport run_pipeline(const ReplayOptions& options, const Config& config,
                        const std::shared_ptr<const Plan>& plan, FitsSource& source,
-                       ThreadPlacement& placement, const ReplayFiles& files, VortexPrinter& printer,
-                       const std::function<void(const FrameSlot&)>& draw) {
+                       ThreadPlacement& placement, const ReplayFiles& files, ReplayTables& tables,
+                       const std::function<void(const FrameSlot&)>& draw, FrameStore* shown) {
   FrameResult result(plan->detect.capacity());
   Progress progress("replay", source.frame_count());
   Pipeline pipeline(plan, config.pipeline, placement.thread_start());
@@ -151,7 +242,8 @@ RunReport run_pipeline(const ReplayOptions& options, const Config& config,
       result.copy(slot, dropped);
       files.lines->add(result);
     }
-    printer.add(slot);
+    if (shown != nullptr) shown->add(slot, dropped);
+    tables.add(slot);
     progress.step();
   };
   return pipeline.run(feed, publisher);
@@ -173,16 +265,44 @@ void print_summary(const RunReport& report, const Config& config,
   fmt::print("\n{}", latency_table(report));
 }
 
+/// Does a shard of the night or all of them. Who merges does, after the others, those shards that
+/// did not begin where the one before ended.
+void replay_shard(const ReplayOptions& options, const std::shared_ptr<const Plan>& plan,
+                  std::int64_t frames) {
+  // getenv() is safe among threads here, because nothing in the program sets a variable.
+  const ShardChoice choice = choose_shard(options.shard, [](const char* name) -> const char* {
+    return std::getenv(name);  // NOLINT(concurrency-mt-unsafe)
+  });
+  if (choice.merges) check_output(options.out, {}, options.existing);
+  ThreadPlacement placement(plan->config.pipeline.cpus, plan->config.realtime.priority);
+  const ShardWorker worker({.recordings = options.recordings,
+                            .selection = selection_of(options),
+                            .plan = plan,
+                            .saved = options.save,
+                            .frames = frames,
+                            .shards = choice.shards,
+                            .out = options.out,
+                            .existing = options.existing},
+                           placement);
+  if (choice.shard > 0) worker.do_shard(choice.shard);
+  if (!choice.merges) return;
+  if (choice.shard > 0)
+    for (int shard = 1; shard <= choice.shards; ++shard) worker.wait_for(shard);
+  for (int shard = 1; shard <= choice.shards; ++shard) worker.do_shard(shard);
+  merge_night(worker.paths(), options.out, options.existing);
+}
+
 void replay(const ReplayOptions& options) {
   const FramePictureOptions picture = frame_picture_options(options.picture);
   check_usage(options, picture);
   const SaveOptions save = save_options_from(options.save);
   Config config = options.pipeline.configuration();
-  config.split.hidden_phase |= save.whole_phase;
+  config.split.hidden_phase |= save.whole_phase || ShownFrames::wanted(options);
   Sensor sensor = read_sensor(options.sensor);
   FitsSource source(options.recordings, selection_of(options));
   add_bad_pixels(sensor, source.nan_pixels());
   const auto plan = std::make_shared<const Plan>(sensor, source.format(), config);
+  if (!options.shard.empty()) return replay_shard(options, plan, source.frame_count());
   const Truth truth(options.recordings, selection_of(options));
   ReplayFiles files;
   // This comes before anything is printed, because the lines may take standard output.
@@ -192,7 +312,8 @@ void replay(const ReplayOptions& options) {
   print_input(options, source, sensor);
   if (!options.out.empty())
     files.results = std::make_unique<ResultsFile>(options.out, *plan, save, source.frame_count());
-  VortexPrinter printer(truth, *plan, options.show);
+  ReplayTables tables{VortexPrinter(truth, *plan, options.show), {}, {}};
+  if (options.air.window_s > 0.0) tables.air = std::make_unique<AirTable>(*plan, options.air);
   ThreadPlacement placement(config.pipeline.cpus, config.realtime.priority);
   bool drawn = false;
   const auto draw = [&](const FrameSlot& slot) {
@@ -200,10 +321,12 @@ void replay(const ReplayOptions& options) {
     write_frame_picture(picture.path, sensor, slot);
     drawn = true;
   };
+  const ShownFrames shown(options, plan);
   const RunReport report =
-      run_pipeline(options, config, plan, source, placement, files, printer, draw);
+      run_pipeline(options, config, plan, source, placement, files, tables, draw, shown.store());
+  if (files.results && tables.air) files.results->append(tables.air->table());
   files.commit();
-  printer.summarize();
+  tables.print();
   print_summary(report, config, placement);
   if (interrupted())
     throw Failure(fmt::format("interrupted: the files hold the first {} of {} frames",
@@ -212,7 +335,23 @@ void replay(const ReplayOptions& options) {
   if (!drawn && picture.frame >= 0)
     throw Failure(
         fmt::format("--picture: there is no frame {}, only {}", picture.frame, report.frames));
+  shown.finish(options);
   if (const std::string why = nothing_measured(report); !why.empty()) throw Failure(why);
+  shown.wait();
+}
+
+void add_air_flags(CLI::App& command, AirOptions& air) {
+  auto* window = command
+                     .add_option("--air", air.window_s,
+                                 "estimate the air (r0, scintillation, wind) over so many seconds "
+                                 "at a time, or frames where no clock is known")
+                     ->check(CLI::Range(1e-3, 1e6));
+  command
+      .add_option("--fresnel", air.fresnel_pitches,
+                  "square root of wavelength times path, in pitches at the lenslets, of a path "
+                  "through even air; 0: the air is near")
+      ->check(CLI::Range(0.0, 1e4))
+      ->needs(window);
 }
 
 }  // namespace
@@ -235,14 +374,28 @@ void add_replay(CLI::App& app) {
   command
       ->add_option(
           "--save", options->save,
-          "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation,zernike")
+          "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation,zernike,"
+          "frame")
       ->delimiter(',');
   command->add_option("--jsonl", options->jsonl,
                       "file to write with one JSON object a frame; - for standard output");
   command->add_option("--picture", options->picture,
                       "FRAME:FILE.png: PNG to draw a frame into, with its slopes and vortices");
+  command
+      ->add_option("--page", options->page,
+                   "show the frames as a page in the browser, at ADDRESS:PORT "
+                   "(default 127.0.0.1:8080), until Ctrl-C")
+      ->expected(0, 1)
+      ->default_str("127.0.0.1:8080");
+  command->add_option(
+      "--report", options->report,
+      "HTML file to write: the page with its frames, which opens without a network");
+  command->add_option("--shard", options->shard,
+                      "do one part of the frames: I/N, auto (by mpirun or a Slurm array), or all/N "
+                      "(each, and merge)");
   add_force_flag(*command, options->existing);
   options->pipeline.add_to(*command);
+  add_air_flags(*command, options->air);
   command->add_option("--pace", options->pace_hz,
                       "greatest rate at which frames are delivered, Hz");
   command->add_option("--show", options->show, "how many frames' vortices are printed (default 3)");

@@ -21,6 +21,8 @@ struct RunCommand {
   std::string camera;
   std::string sensor;
   std::string jsonl;
+  std::string page;
+  bool watch = false;
   DaemonLimits limits;
 };
 
@@ -30,6 +32,7 @@ Config configuration(const RunCommand& options) {
   if (!options.camera.empty()) config.camera.source = options.camera;
   if (!options.sensor.empty()) config.daemon.sensor = options.sensor;
   if (!options.jsonl.empty()) config.daemon.jsonl = options.jsonl;
+  if (!options.page.empty()) config.page.listen = options.page;
   return config;
 }
 
@@ -59,11 +62,15 @@ void print_report(const DaemonReport& report) {
 
 void run_daemon(const RunCommand& options) {
   catch_daemon_signals();
-  const Log log(configuration(options).daemon.log_level);
-  Daemon daemon([options] { return configuration(options); }, options.limits);
+  const Config config = configuration(options);
+  const Log log(config.daemon.log_level);
+  Daemon daemon([options] { return configuration(options); }, options.limits, options.watch);
   const DaemonReport report = daemon.run();
   print_report(report);
   if (const std::string why = nothing_measured(report.results); !why.empty()) throw Failure(why);
+  // Whoever ends it by a signal may not have waited for a frame.
+  if (report.results.frames == 0 && !interrupted())
+    throw Failure("nothing was measured: no frame came from " + config.camera.source);
 }
 
 }  // namespace
@@ -84,6 +91,14 @@ void add_run(CLI::App& app) {
   command->add_option(
       "--jsonl", options->jsonl,
       "file to which one JSON object a frame is appended, a pipe, or - for standard output");
+  command
+      ->add_option("--page", options->page,
+                   "show the frames as a page in the browser, at ADDRESS:PORT (default "
+                   "127.0.0.1:8080)")
+      ->expected(0, 1)
+      ->default_str("127.0.0.1:8080");
+  command->add_flag("--watch", options->watch,
+                    "show spots, phase and vortices on this terminal, which needs 24-bit colours");
   options->pipeline.add_to(*command);
   command->callback([options] { run_daemon(*options); });
 }

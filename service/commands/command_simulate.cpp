@@ -1,6 +1,7 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -8,15 +9,19 @@
 #include <memory>
 #include <numbers>
 #include <optional>
+#include <utility>
 
 #include "acquisition/fits/partial_path.h"
 #include "acquisition/recording/recording.h"
 #include "acquisition/simulator/field_file.h"
 #include "acquisition/simulator/simulator.h"
+#include "acquisition/simulator/turbulent_path.h"
 #include "core/error.h"
 #include "service/commands/commands.h"
+#include "service/commands/field_cube.h"
 #include "service/commands/force_flag.h"
 #include "service/commands/pupil_option.h"
+#include "service/commands/simulated_dark.h"
 #include "service/program/interrupt.h"
 #include "service/program/outputs.h"
 #include "service/program/progress.h"
@@ -28,6 +33,7 @@ namespace {
 /// What the user says about the turbulent path. The preset gives the rest.
 struct TurbulenceOptions {
   std::optional<double> rytov_variance;
+  std::optional<double> r0;  ///< pitches
   std::optional<double> lenslet;
   std::optional<double> outer_scale;
   std::optional<double> inner_scale;
@@ -38,8 +44,8 @@ struct TurbulenceOptions {
   std::vector<std::string> wind;
 
   bool any() const {
-    return rytov_variance || lenslet || outer_scale || inner_scale || waist || screens || grid ||
-           grid_samples || !wind.empty();
+    return rytov_variance || r0 || lenslet || outer_scale || inner_scale || waist || screens ||
+           grid || grid_samples || !wind.empty();
   }
 };
 
@@ -47,6 +53,10 @@ struct SimulateOptions {
   std::string preset = "plane";
   std::string out;
   std::string field_out;
+  std::string fields_out;
+  std::string dark;
+  std::int64_t dark_frames = 20;
+  double frame_rate_hz = 1000.0;
   SimulatorOptions simulator;
   PresetParameters parameters;
   std::vector<std::string> vortices;
@@ -94,6 +104,13 @@ SceneZernike zernike_from(const std::string& text) {
   return {whole(v[0], "the Noll index of --zernike"), v[1]};
 }
 
+/// Returns the Rytov variance of a path with this fried_parameter(), √(λL).
+double rytov_variance_for(double r0) {
+  TurbulentPath path;
+  path.rytov_variance = 1.0;
+  return std::pow(fried_parameter(path) / r0, 5.0 / 3.0);
+}
+
 void complete_path(const TurbulenceOptions& options, std::optional<TurbulentPath>& path) {
   if (!path) {
     if (options.any()) {
@@ -104,6 +121,11 @@ void complete_path(const TurbulenceOptions& options, std::optional<TurbulentPath
   }
   path->rytov_variance = options.rytov_variance.value_or(path->rytov_variance);
   path->lenslet = options.lenslet.value_or(path->lenslet);
+  if (options.r0) {
+    if (options.rytov_variance)
+      throw UsageError("--r0 and --rytov-variance say the same in two ways; give one of them");
+    path->rytov_variance = rytov_variance_for(*options.r0 * path->lenslet);
+  }
   path->outer_scale = options.outer_scale.value_or(path->outer_scale);
   path->inner_scale = options.inner_scale.value_or(path->inner_scale);
   path->waist = options.waist.value_or(path->waist);
@@ -148,6 +170,9 @@ void print_grid(const SimulatorOptions& simulator) {
   fmt::print("propagation: {} x {} points, {:.3g} x {:.3g} √(λL), {} screens, {:.0f} MB\n",
              grid.points, grid.points, grid.points * grid.spacing, grid.points * grid.spacing,
              simulator.turbulence->screens, static_cast<double>(grid.memory_bytes) * 1e-6);
+  fmt::print("turbulence: Rytov variance {:.3g}, r0 {:.3g} pitches\n",
+             simulator.turbulence->rytov_variance,
+             fried_parameter(*simulator.turbulence) / simulator.turbulence->lenslet);
   std::fflush(stdout);
 }
 
@@ -156,14 +181,32 @@ void print_time(double frame_s, std::int64_t frames) {
   std::fflush(stdout);
 }
 
+/// Refuses outputs that are there already, that are the field that is read, or each other.
+void check_outputs(const SimulateOptions& options) {
+  const std::array<std::pair<const char*, const std::string*>, 4> outputs{
+      {{"--out", &options.out},
+       {"--field-out", &options.field_out},
+       {"--fields-out", &options.fields_out},
+       {"--dark", &options.dark}}};
+  for (std::size_t i = 0; i < outputs.size(); ++i) {
+    const auto& [option, path] = outputs[i];
+    check_output(*path, {options.parameters.field_file}, options.existing);
+    for (std::size_t j = 0; j < i; ++j) {
+      if (!path->empty() && !outputs[j].second->empty() &&
+          target_of(*path) == target_of(*outputs[j].second))
+        throw UsageError(
+            fmt::format("{} and {} name the same file {}", outputs[j].first, option, *path));
+    }
+  }
+}
+
 void simulate(const SimulateOptions& options) {
   if (options.simulator.frames < 1) throw UsageError("--frames must be at least 1");
-  check_output(options.out, {options.parameters.field_file}, options.existing);
-  check_output(options.field_out, {options.parameters.field_file}, options.existing);
-  if (!options.field_out.empty() && target_of(options.field_out) == target_of(options.out))
-    throw UsageError("--out and --field-out name the same file " + options.out);
+  check_outputs(options);
   const SimulatorOptions simulated = simulator_options(options);
   check_simulator_options(simulated);
+  if (!options.dark.empty())
+    write_dark(options.dark, options.dark_frames, simulated, options.words);
   if (simulated.turbulence) print_grid(simulated);
   const auto begin = std::chrono::steady_clock::now();
   Simulator simulator(simulated);  // this simulates the first frame too
@@ -175,18 +218,25 @@ void simulate(const SimulateOptions& options) {
   RecordingWriter recording(options.out, simulator.format(), simulator.optics(),
                             simulator.detector(), provenance);
   FrameBuffer frame(simulator.format());
+  std::optional<FieldCubeWriter> fields;
+  if (!options.fields_out.empty()) fields.emplace(options.fields_out, options.simulator.frames);
   std::vector<TruthVortex> truth;
   std::int64_t saturated = 0;
   {
     Progress progress("simulate", options.simulator.frames);
     while (!interrupted() && simulator.next(frame) == Delivery::kFrame) {
       for (const TruthVortex& vortex : simulator.truth(recording.frames())) truth.push_back(vortex);
+      frame.header.camera_ns =
+          std::llround(static_cast<double>(frame.header.sequence) * 1e9 / options.frame_rate_hz);
+      if (fields) fields->append(simulator.field(recording.frames()));
       recording.append(frame.view(), frame.header);
       saturated += (frame.header.status & kFrameSaturated) != 0 ? 1 : 0;
       progress.step();
     }
   }
   if (!options.field_out.empty()) write_sampled_field(options.field_out, simulator.field(0));
+  // An interrupted run has written too few fields for its cube.
+  if (fields && !interrupted()) fields->commit();
   recording.write_truth(truth);
   recording.commit();
   const FrameFormat& format = simulator.format();
@@ -207,6 +257,12 @@ void add_turbulence(CLI::App& command, TurbulenceOptions& path) {
       .add_option(
           "--rytov-variance", path.rytov_variance,
           "Rytov variance of a plane wave, 1.23 Cn² k^(7/6) L^(11/6) [turbulence 1, chen2007 1.05]")
+      ->group(group);
+  command
+      .add_option("--r0", path.r0,
+                  "Fried's parameter of the whole path for a plane wave, pitches; in place of the "
+                  "Rytov variance")
+      ->check(CLI::PositiveNumber)
       ->group(group);
   command.add_option("--lenslet", path.lenslet, "side of a lenslet, √(λL) [.064, .0795]")
       ->group(group);
@@ -297,6 +353,17 @@ void add_simulate(CLI::App& app) {
   command->add_option("--field", parameters.field_file, "complex field [2, ny, nx] to read (FITS)");
   command->add_option("--field-out", options->field_out,
                       "file for the first frame's field at the lenslets, as --field reads it");
+  command->add_option("--fields-out", options->fields_out,
+                      "file for the fields of all frames, [frames, 2, ny, nx]");
+  command
+      ->add_option("--frame-rate", options->frame_rate_hz, "frames a second, by the camera's clock")
+      ->check(CLI::Range(1e-3, 1e9))
+      ->capture_default_str();
+  command->add_option("--dark", options->dark,
+                      "a second recording, of the same camera without any light");
+  command->add_option("--dark-frames", options->dark_frames, "number of frames of --dark")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
   command
       ->add_option("--amplitude", simulator.scene.vortex_amplitude,
                    "amplitude round a vortex: uniform (default, as the paper) or linear")
@@ -317,6 +384,7 @@ void add_simulate(CLI::App& app) {
     // The names of files say nothing of what is simulated.
     for (const std::string& line : lines_of(command->config_to_str(true)))
       if (!line.empty() && line.rfind("out=", 0) != 0 && line.rfind("field-out=", 0) != 0 &&
+          line.rfind("fields-out=", 0) != 0 && line.rfind("dark=", 0) != 0 &&
           line.rfind("force", 0) != 0)
         options->words.push_back(line);
     simulate(*options);

@@ -13,7 +13,8 @@ void add_replay(CLI::App& app);
 void add_run(CLI::App& app);
 void add_control(CLI::App& app);
 void add_bench(CLI::App& app);
-// The next ten are the commands of bench.
+// The next eleven are the commands of bench.
+void add_bench_latency(CLI::App& bench);
 void add_bench_centroid(CLI::App& bench);
 void add_bench_split(CLI::App& bench);
 void add_bench_circulation(CLI::App& bench);
@@ -30,5 +31,6 @@ void add_doctor(CLI::App& app);
 void add_kernel(CLI::App& app);
 void add_convert(CLI::App& app);
 void add_export(CLI::App& app);
+void add_merge(CLI::App& app);
 
 }  // namespace curlew

@@ -70,6 +70,13 @@ bool readable(int fd, int timeout_ms) {
   return poll(&wanted, 1, timeout_ms) == 1;
 }
 
+/// Makes a call on a socket, and makes it again where only a signal has interrupted it.
+template <typename Call>
+ssize_t uninterrupted(Call call) {
+  for (;;)
+    if (const ssize_t result = call(); result >= 0 || errno != EINTR) return result;
+}
+
 /// Reads up to the end of the line. Returns what has come when the patience ends, so that a peer
 /// who sends a byte now and then cannot hold the daemon up.
 std::string read_line(int fd) {
@@ -81,8 +88,13 @@ std::string read_line(int fd) {
   };
   std::string line;
   std::array<char, 512> bytes{};
-  while (line.find('\n') == std::string::npos && line.size() < 65536 && readable(fd, left_ms())) {
-    const ssize_t count = recv(fd, bytes.data(), bytes.size(), 0);
+  while (line.find('\n') == std::string::npos && line.size() < 65536) {
+    if (!readable(fd, left_ms())) {
+      if (left_ms() == 0) break;
+      continue;  // A signal has ended the wait.
+    }
+    const ssize_t count =
+        uninterrupted([&] { return recv(fd, bytes.data(), bytes.size(), MSG_DONTWAIT); });
     if (count <= 0) break;
     line.append(bytes.data(), static_cast<std::size_t>(count));
   }
@@ -93,7 +105,8 @@ void write_line(int fd, std::string line) {
   line += '\n';
   std::size_t sent = 0;
   while (sent < line.size()) {
-    const ssize_t count = send(fd, line.data() + sent, line.size() - sent, MSG_NOSIGNAL);
+    const ssize_t count = uninterrupted(
+        [&] { return send(fd, line.data() + sent, line.size() - sent, MSG_NOSIGNAL); });
     if (count <= 0) return;
     sent += static_cast<std::size_t>(count);
   }
@@ -136,10 +149,12 @@ ControlSocket::ControlSocket(const std::string& path) : path_(path) {
       unlink(path.c_str());
   }
   listening_ = new_socket();
-  if (bind(listening_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0 ||
-      chmod(path.c_str(), 0660) != 0 || listen(listening_, 4) != 0) {
+  const bool bound =
+      bind(listening_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
+  if (!bound || chmod(path.c_str(), 0660) != 0 || listen(listening_, 4) != 0) {
     const std::string reason = last_error();
     close(listening_);
+    if (bound) unlink(path.c_str());
     throw Failure("the control socket " + path + " cannot be made: " + reason);
   }
 }

@@ -10,6 +10,7 @@
 #include "acquisition/open_camera.h"
 #include "acquisition/usb/usb_watcher.h"
 #include "core/error.h"
+#include "service/daemon/page_changes.h"
 #include "service/metrics/metrics_text.h"
 #include "service/program/interrupt.h"
 
@@ -33,17 +34,42 @@ LiveFeed::Limits feed_limits(const DaemonLimits& limits) {
 
 }  // namespace
 
-Daemon::Daemon(std::function<Config()> configure, DaemonLimits limits)
+Daemon::Daemon(std::function<Config()> configure, DaemonLimits limits, bool watch)
     : limits_(feed_limits(limits)),
       pipeline_(std::move(configure), status_),
       connection_(pipeline_, status_, limits_) {
   const std::string control = pipeline_.config().daemon.control;
   if (!control.empty()) control_socket_ = std::make_unique<ControlSocket>(control);
+  serve_metrics();
+  serve_page();
+  if (!watch) return;
+  watch_ = std::make_unique<TerminalWatch>();
+  pipeline_.show_on(watch_->tap());
+}
+
+void Daemon::serve_metrics() {
   const MetricsOptions metrics = pipeline_.config().metrics;
   if (metrics.listen.empty()) return;
   metrics_server_ = std::make_unique<MetricsServer>(
       metrics, [this] { return metrics_text(status_.metrics(), status_.snapshot()); });
   spdlog::info("metrics: answered at port {}", metrics_server_->port());
+}
+
+void Daemon::serve_page() {
+  const Config config = pipeline_.config();
+  if (config.page.listen.empty()) return;
+  std::vector<std::string> settings;
+  if (config.page.control) settings.assign(kPageSettings.begin(), kPageSettings.end());
+  page_ = std::make_unique<LivePage>([this] { return status_json(status_.snapshot()); },
+                                     config.camera.source, settings);
+  pipeline_.show_on(*page_);
+  PageControl control;
+  if (config.page.control)
+    control = [this](const std::string& body, const std::string& peer) {
+      return change_by_page(pipeline_, connection_, body, peer);
+    };
+  page_server_ = std::make_unique<PageServer>(config.page, *page_, std::move(control));
+  spdlog::info("page: {}", page_server_->url());
 }
 
 DaemonReport Daemon::run() {
@@ -78,6 +104,7 @@ DaemonReport Daemon::run() {
     connection_.stop();
   }
   connecting.join();
+  watch_.reset();
   const std::int64_t unwritten = pipeline_.finish();
   if (connecting_failure) std::rethrow_exception(connecting_failure);
   if (supervising_failure) std::rethrow_exception(supervising_failure);
@@ -110,6 +137,7 @@ void Daemon::supervise(const std::atomic<bool>& finished) {
     const std::int64_t signs = connection_.control().signs_of_life;
     if (std::exchange(seen_signs, signs) != signs) last_sign = Clock::now();
     if (Clock::now() - last_sign < kLongestSilence) supervisor_.watchdog();
+    if (watch_) watch_->draw(status_line_);
     if (Clock::now() >= next_second) {
       every_second();
       next_second += std::chrono::seconds(1);
@@ -120,8 +148,9 @@ void Daemon::supervise(const std::atomic<bool>& finished) {
 void Daemon::every_second() {
   status_.refused(pipeline_.refused());
   const StatusSnapshot status = status_.second_over();
-  printer_.add(status);
-  supervisor_.status(status_line(status));
+  if (!watch_) printer_.add(status);
+  status_line_ = status_line(status);
+  supervisor_.status(status_line_);
 }
 
 /// Answers the words of `curlew control`.

@@ -17,7 +17,10 @@
 #include "service/daemon/status_printer.h"
 #include "service/live_feed.h"
 #include "service/metrics/metrics_server.h"
+#include "service/page/live_page.h"
+#include "service/page/page_server.h"
 #include "service/pipeline.h"
+#include "service/watch/terminal_watch.h"
 
 namespace curlew {
 
@@ -38,8 +41,9 @@ struct DaemonReport : DaemonCounts {
 /// the JSON lines have threads of their own.
 class Daemon {
  public:
-  /// configure: reads the configuration, now and at every SIGHUP.
-  Daemon(std::function<Config()> configure, DaemonLimits limits);
+  /// configure: reads the configuration, now and at every SIGHUP. watch: whether the terminal shows
+  /// the frames.
+  Daemon(std::function<Config()> configure, DaemonLimits limits, bool watch = false);
 
   /// Returns at a limit, at SIGINT or SIGTERM, and at the end of a recording. Throws what makes it
   /// pointless to go on: a configuration or a sensor file that cannot be used from the start, a
@@ -47,6 +51,8 @@ class Daemon {
   DaemonReport run();
 
  private:
+  void serve_metrics();
+  void serve_page();
   void supervise(const std::atomic<bool>& finished);
   void every_second();
   std::string answer(const std::string& word);
@@ -58,7 +64,12 @@ class Daemon {
   Supervisor supervisor_;
   std::unique_ptr<ControlSocket> control_socket_;  ///< It is null where none is configured.
   std::unique_ptr<MetricsServer> metrics_server_;  ///< It is null where none is configured.
+  // These are null where no page is configured. The server is the last, because it uses the page.
+  std::unique_ptr<LivePage> page_;
+  std::unique_ptr<PageServer> page_server_;
   StatusPrinter printer_;
+  std::unique_ptr<TerminalWatch> watch_;  ///< It is null where nobody watches on the terminal.
+  std::string status_line_;               ///< of the last second
 };
 
 }  // namespace curlew

@@ -99,12 +99,14 @@ void DaemonConnection::stream(Camera& camera, const Config& config) {
     status_.enter(DaemonState::kStreaming, camera.description());
     opened_.clear();
     const LiveFeed::End end = run_pipeline(exchange, config);
-    const bool over = end == LiveFeed::End::kClosed && camera.failure().empty();
+    const bool again = take_reconnect_request();
+    const bool over = end == LiveFeed::End::kClosed && camera.failure().empty() && !again;
     if (over || end == LiveFeed::End::kLimit) stop();
     if (control_.stop)
       status_.enter(DaemonState::kStopping, "");
     else
-      status_.enter(DaemonState::kLost, reason_of(end, camera, config.camera));
+      status_.enter(DaemonState::kLost, again ? "it is connected again with other settings"
+                                              : reason_of(end, camera, config.camera));
   } catch (...) {
     settle_accounts();
     throw;
@@ -156,6 +158,18 @@ void DaemonConnection::wake() {
     wake_up_ = true;
   }
   woken_.notify_all();
+}
+
+void DaemonConnection::reconnect() {
+  const std::lock_guard lock(mutex_);
+  if (exchange_ == nullptr) return;  // The next connection has the settings anyway.
+  reconnecting_ = true;
+  exchange_->close();
+}
+
+bool DaemonConnection::take_reconnect_request() {
+  const std::lock_guard lock(mutex_);
+  return std::exchange(reconnecting_, false);
 }
 
 void DaemonConnection::expose() {

@@ -33,6 +33,9 @@ class DaemonConnection {
   /// call it.
   void wake();
 
+  /// Makes run() connect to the camera anew, with the settings of now. Any thread may call it.
+  void reconnect();
+
   /// Makes a camera with a software trigger take a frame. Any thread may call it. Failure where no
   /// camera streams, or this one has no software trigger.
   void expose();
@@ -45,6 +48,7 @@ class DaemonConnection {
   void stream(Camera& camera, const Config& config);
   LiveFeed::End run_pipeline(FrameExchange& exchange, const Config& config);
   void pause(double seconds);
+  bool take_reconnect_request();
   void set_streaming(Camera* camera, FrameExchange* exchange);
 
   DaemonPipeline& pipeline_;
@@ -58,6 +62,7 @@ class DaemonConnection {
   std::mutex mutex_;  // It guards everything below.
   std::condition_variable woken_;
   bool wake_up_ = false;
+  bool reconnecting_ = false;          ///< The stream is to end because of reconnect().
   Camera* camera_ = nullptr;           ///< It is set while a camera streams.
   FrameExchange* exchange_ = nullptr;  ///< It is set while a camera streams.
 };

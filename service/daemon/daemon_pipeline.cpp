@@ -96,7 +96,7 @@ void log_sections_that_wait(const Config& old, Config fresh) {
   fresh.daemon.sensor = old.daemon.sensor;
   for (const std::string& section : changed_sections(old, fresh))
     if (section == "pipeline" || section == "realtime" || section == "recorder" ||
-        section == "publish" || section == "metrics" || section == "daemon")
+        section == "publish" || section == "metrics" || section == "page" || section == "daemon")
       spdlog::warn("reload: [{}] takes effect when curlew is started again", section);
     else if (section == "camera" || section == "usb")
       spdlog::info("reload: [{}] takes effect when the camera is connected again", section);
@@ -147,12 +147,13 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
   std::unique_ptr<Pipeline> pipeline;
   std::unique_ptr<StreamPublisher> streams;
   std::unique_ptr<Recorder> recorder;
+  std::shared_ptr<const Plan> plan;
   while (made_from != configurations_) {  // A reload meanwhile makes another round necessary.
     made_from = configurations_;
     const Config config = config_;
     const Sensor sensor = sensor_;
     lock.unlock();
-    const auto plan = std::make_shared<const Plan>(sensor, format, config);
+    plan = std::make_shared<const Plan>(sensor, format, config);
     choice = plan->detect.choice();
     pipeline = std::make_unique<Pipeline>(plan, config.pipeline, placement_.thread_start(),
                                           connections_before);
@@ -165,6 +166,7 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
                                             log_recorder);
     lock.lock();
   }
+  if (page_ != nullptr) page_->know(plan);
   pipeline_ = std::move(pipeline);
   streams_ = std::move(streams);
   recorder_ = std::move(recorder);
@@ -179,11 +181,13 @@ void DaemonPipeline::run(LiveFeed& feed) {
   Publisher publisher;
   publisher.publish = [&](const FrameSlot& slot) {
     if (streams_) streams_->publish(slot);
-    if (recorder_) recorder_->add(*slot.frame, &slot.vortices);
+    if (recorder_ && !recording_paused_) recorder_->add(*slot.frame, &slot.vortices);
   };
   publisher.finish = [&, dropped_before = report_.dropped](const FrameSlot& slot,
                                                            std::int64_t dropped) {
     if (writer_) writer_->add(slot, dropped_before + dropped);
+    if (page_ != nullptr) page_->pass(slot, dropped_before + dropped);
+    if (tap_ != nullptr) tap_->pass(slot, dropped_before + dropped);
     status_.result_published(slot);
   };
   std::exception_ptr failure;
@@ -200,37 +204,53 @@ void DaemonPipeline::run(LiveFeed& feed) {
 
 void DaemonPipeline::reload() {
   try {
-    Config config = completed(configure_());
-    Sensor sensor = sensor_for(config);
-    std::unique_lock lock(mutex_);
-    check_streams(config_, sensor_.grid, sensor.grid);
-    log_sections_that_wait(config_, config);
-    config.pipeline = config_.pipeline;
-    config.realtime = config_.realtime;
-    config.recorder = config_.recorder;
-    config.publish = config_.publish;
-    config.metrics = config_.metrics;
-    check_trigger(config, sensor);
-    if (!connected_) check_same_frames(sensor_, sensor);
-    std::optional<FrameFormat> format;
-    std::shared_ptr<const Plan> plan;
-    do {  // Another camera, connected meanwhile, makes another round necessary.
-      format = format_;
-      lock.unlock();
-      if (format) plan = std::make_shared<const Plan>(sensor, *format, config);
-      lock.lock();
-    } while (format != format_);
-    if (!format) plan.reset();
-    if (plan) log_method(plan->detect.choice());
-    ++configurations_;
-    config_ = std::move(config);
-    sensor_ = std::move(sensor);
-    pending_plan_ = std::move(plan);
-    if (recorder_) recorder_->describe(header_for(config_, sensor_));
-    spdlog::info("reload: configuration {} and sensor file are in use", config_hash(config_));
+    const std::lock_guard one_at_a_time(taking_up_);
+    take_up(completed(configure_()));
+    spdlog::info("reload: configuration {} and sensor file are in use", config_hash(config()));
   } catch (const std::exception& error) {
     spdlog::error("reload: {}; the old plan stays", error.what());
   }
+}
+
+void DaemonPipeline::change(const std::string& section, const std::string& key,
+                            const SettingValue& value) {
+  const std::lock_guard one_at_a_time(taking_up_);
+  Config changed = with_setting(config(), section, key, value);
+  refuse_settings_without_effect(changed);
+  take_up(std::move(changed));
+}
+
+/// Makes the plan of a configuration, for the pipeline to adopt. Throws where it cannot be made;
+/// then nothing has changed. Whoever calls it holds taking_up_.
+void DaemonPipeline::take_up(Config config) {
+  Sensor sensor = sensor_for(config);
+  std::unique_lock lock(mutex_);
+  check_streams(config_, sensor_.grid, sensor.grid);
+  log_sections_that_wait(config_, config);
+  config.pipeline = config_.pipeline;
+  config.realtime = config_.realtime;
+  config.recorder = config_.recorder;
+  config.publish = config_.publish;
+  config.metrics = config_.metrics;
+  config.page = config_.page;
+  check_trigger(config, sensor);
+  if (!connected_) check_same_frames(sensor_, sensor);
+  std::optional<FrameFormat> format;
+  std::shared_ptr<const Plan> plan;
+  do {  // Another camera, connected meanwhile, makes another round necessary.
+    format = format_;
+    lock.unlock();
+    if (format) plan = std::make_shared<const Plan>(sensor, *format, config);
+    lock.lock();
+  } while (format != format_);
+  if (!format) plan.reset();
+  if (plan) log_method(plan->detect.choice());
+  if (plan && page_ != nullptr) page_->know(plan);
+  ++configurations_;
+  config_ = std::move(config);
+  sensor_ = std::move(sensor);
+  pending_plan_ = std::move(plan);
+  if (recorder_) recorder_->describe(header_for(config_, sensor_));
 }
 
 void DaemonPipeline::adopt_pending_plan() {
@@ -242,6 +262,14 @@ bool DaemonPipeline::trigger() {
   const std::lock_guard lock(mutex_);
   if (!recorder_ || config_.recorder.mode != RecordMode::kTrigger) return false;
   recorder_->trigger();
+  return true;
+}
+
+bool DaemonPipeline::pause_recording(bool paused) {
+  const std::lock_guard lock(mutex_);
+  if (!recorder_) return false;
+  recording_paused_ = paused;
+  status_.recording_paused(paused);
   return true;
 }
 

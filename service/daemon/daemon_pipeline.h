@@ -2,6 +2,7 @@
 // lines, and the configuration and sensor that these are made from.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -14,6 +15,7 @@
 #include "service/config.h"
 #include "service/daemon/daemon_status.h"
 #include "service/live_feed.h"
+#include "service/page/live_page.h"
 #include "service/pipeline.h"
 #include "service/publish/stream_publisher.h"
 #include "service/recorder/recorder.h"
@@ -34,6 +36,11 @@ class DaemonPipeline {
 
   Config config() const;
 
+  /// The page sees every frame from now on. Call it before prepare(); the page must outlive run().
+  void show_on(LivePage& page) { page_ = &page; }
+  /// The same for a tap.
+  void show_on(FrameTap& tap) { tap_ = &tap; }
+
   /// Makes the pipeline and the recorder for frames of this format, or keeps those of the last
   /// connection where they fit. connections_before: the number of connections before this one. It
   /// keeps the track numbers of a new pipeline apart from those of earlier ones. Failure or
@@ -46,6 +53,12 @@ class DaemonPipeline {
   /// Reads configuration and sensor file again. Where something is wrong with them, that is logged
   /// and nothing changes.
   void reload();
+  /// Changes one setting until the next reload. Any thread may call it. Throws UsageError or
+  /// Failure where the value or what follows from it cannot be; then nothing changes.
+  void change(const std::string& section, const std::string& key, const SettingValue& value);
+  /// Pauses the recorder, or lets it go on. Any thread may call it. Returns false where there is no
+  /// recorder.
+  bool pause_recording(bool paused);
   /// Gives the running pipeline the plan that a reload has made. Does nothing where there is none,
   /// or where the pipeline still takes up an earlier plan: call it again and again.
   void adopt_pending_plan();
@@ -64,8 +77,12 @@ class DaemonPipeline {
   const RunReport& report() const { return report_; }
 
  private:
+  void take_up(Config config);
+
   std::function<Config()> configure_;
   DaemonStatus& status_;
+  std::atomic<bool> recording_paused_{false};
+  std::mutex taking_up_;  ///< whoever takes up a configuration holds it
 
   mutable std::mutex mutex_;  // It guards the members down to pending_plan_.
   Config config_;
@@ -82,6 +99,8 @@ class DaemonPipeline {
   std::unique_ptr<Recorder> recorder_;        ///< It is null where nothing is recorded.
   std::unique_ptr<StreamPublisher> streams_;  ///< It is null where nothing is published.
   std::unique_ptr<ResultWriter> writer_;      ///< It is null where no JSON lines are written.
+  LivePage* page_ = nullptr;                  ///< It is null where there is no page.
+  FrameTap* tap_ = nullptr;                   ///< It is null where nobody watches on a terminal.
   RunReport report_;
 };
 

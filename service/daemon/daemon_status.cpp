@@ -98,6 +98,7 @@ StatusSnapshot DaemonStatus::read() const {
   if (exchange_ != nullptr) now.counts.superseded += exchange_->superseded();
   if (recorder_ != nullptr) now.counts.recorder += recorder_->counts();
   now.results = results_;
+  now.recording_paused = recording_paused_;
   const RecorderCounts& recorder = now.counts.recorder;
   now.recording = recorder_ != nullptr || recorder.files > 0 || recorder.dropped > 0;
   return now;

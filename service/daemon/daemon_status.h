@@ -45,9 +45,10 @@ struct StatusSnapshot {
   DaemonState state = DaemonState::kSearching;
   std::string reason;  ///< It tells why the state was entered; it may be empty.
   DaemonCounts counts;
-  std::int64_t results = 0;  ///< It counts the results since the start.
-  bool recording = false;    ///< It says whether there is or was a recorder.
-  StatusWindow window;       ///< It is empty where the last seconds brought no result.
+  std::int64_t results = 0;       ///< It counts the results since the start.
+  bool recording = false;         ///< It says whether there is or was a recorder.
+  bool recording_paused = false;  ///< The page has paused the recorder.
+  StatusWindow window;            ///< It is empty where the last seconds brought no result.
 };
 
 /// The daemon's threads tell this object what happens, and it logs changes of the state. Any thread
@@ -72,6 +73,8 @@ class DaemonStatus {
   void recorder_began(const Recorder& recorder);
   /// The recorder has completed its files.
   void recorder_ended(const Recorder& recorder);
+
+  void recording_paused(bool paused) { recording_paused_ = paused; }
 
   /// Only the publisher's thread calls this, once a frame. It never waits, locks or allocates.
   void result_published(const FrameSlot& slot) noexcept {
@@ -98,6 +101,7 @@ class DaemonStatus {
   LiveStatistics statistics_;
   LiveMetrics metrics_;
   std::atomic<std::int64_t> results_{0};
+  std::atomic<bool> recording_paused_{false};
 
   mutable std::mutex mutex_;  // It guards everything below.
   DaemonState state_ = DaemonState::kSearching;

@@ -78,15 +78,21 @@ std::string status_json(const StatusSnapshot& status) {
   json["state"] = name_of(status.state);
   json["reason"] = status.reason;
   json["results"] = status.results;
+  json["frames_per_s"] = status.window.frames_per_s();
   json["n_valid"] = status.window.valid_now;
   json["n_lost"] = status.window.lost_now;
   json["delivered"] = counts.frames.delivered;
   json["superseded"] = counts.superseded;
   json["lost"] = counts.frames.lost;
   json["incomplete"] = counts.frames.incomplete;
+  json["timed_out"] = counts.frames.timed_out;
+  json["aborted"] = counts.frames.aborted;
+  json["wrong_size"] = counts.frames.wrong_size;
+  json["other"] = counts.frames.other;
   json["dropped"] = counts.frames.dropped();
   json["refused_packets"] = counts.frames.refused_packets;
   json["connections"] = counts.connections;
+  json["recording"] = status.recording && !counts.recorder.stopped && !status.recording_paused;
   json["recorded"] = counts.recorder.recorded;
   json["unrecorded"] = counts.recorder.dropped;
   // The reason may hold a camera's name for itself, which need not be UTF-8.

@@ -1,7 +1,13 @@
 #include "service/results/mode_results.h"
 
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <span>
+#include <vector>
+
+#include "core/as_size.h"
+#include "service/results/memory_table.h"
 
 namespace curlew {
 namespace {
@@ -16,28 +22,46 @@ Image<std::uint8_t> lit_lenslets(const Lattice& lattice) {
   return lit;
 }
 
+/// Writes the rows of a table of floats as the pixels of the current image.
+void write_rows(FitsFile& file, const RowTable& table) {
+  std::int64_t first = 0;
+  std::vector<float> pixels;
+  table.for_each_block([&](std::span<const std::byte> bytes) {
+    pixels.clear();
+    for (std::size_t at = 0; at < bytes.size(); at += sizeof(float))
+      pixels.push_back(cell_value<float>(bytes.data() + at));
+    file.write_pixels<float>(first, pixels);
+    first += static_cast<std::int64_t>(pixels.size());
+  });
+}
+
 }  // namespace
 
 ModePlan modes_of(const Plan& plan) { return {lit_lenslets(plan.split.lattice()), kLastNoll}; }
 
-ModeResults::ModeResults(const Plan& plan)
+ModeResults::ModeResults(const Plan& plan, const std::string& beside)
     : plan_(modes_of(plan)),
       fit_(plan_),
       wavelength_m_(plan.optics.wavelength_m),
-      wavefront_("WAVEFRONT", {{"FRAME", 'K', ""},
-                               {"RMS_RAD", 'D', "rad"},
-                               {"RMS_NM", 'D', "nm"},
-                               {"PV_RAD", 'D', "rad"},
-                               {"PV_NM", 'D', "nm"},
-                               {"STREHL", 'D', ""},
-                               {"TILT_X_WAVES", 'D', ""},
-                               {"TILT_Y_WAVES", 'D', ""},
-                               {"CURVATURE_WAVES", 'D', ""}}) {}
+      coefficients_("", std::vector<ColumnSpec>(as_size(plan_.modes()), {"", 'E', "rad"}), beside),
+      errors_("", std::vector<ColumnSpec>(as_size(plan_.modes()), {"", 'E', "rad"}), beside),
+      wavefront_("WAVEFRONT",
+                 {{"FRAME", 'K', ""},
+                  {"RMS_RAD", 'D', "rad"},
+                  {"RMS_NM", 'D', "nm"},
+                  {"PV_RAD", 'D', "rad"},
+                  {"PV_NM", 'D', "nm"},
+                  {"STREHL", 'D', ""},
+                  {"TILT_X_WAVES", 'D', ""},
+                  {"TILT_Y_WAVES", 'D', ""},
+                  {"CURVATURE_WAVES", 'D', ""}},
+                 beside) {}
 
 void ModeResults::add(const FrameSlot& slot) {
   fit_.fit(slot.slopes);
   const Eigen::VectorXd& c = fit_.coefficients();
-  for (const double coefficient : c) coefficients_.push_back(static_cast<float>(coefficient));
+  for (const double coefficient : c) coefficients_.put(coefficient);
+  for (const double error : fit_.find_errors(slot.slopes)) errors_.put(error);
   const WavefrontFigures figures = measure_wavefront(slot.split.phase, slot.slopes.valid);
   // From rim to rim of the disc Z2 and Z3 go from −2 to 2, and from centre to rim Z4 by 2√3. Over
   // an annulus of inner radius ε the modes are Z2/√(1 + ε²) and Z4/(1 − ε²), but for the piston.
@@ -55,15 +79,15 @@ void ModeResults::add(const FrameSlot& slot) {
 
 void ModeResults::write(FitsFile& file) const {
   const std::int64_t modes = plan_.modes();
-  const std::int64_t frames =
-      modes > 0 ? static_cast<std::int64_t>(coefficients_.size()) / modes : 0;
-  file.create_image(ElementType::kF32, {frames, modes}, "ZERNIKE", "rad");
+  file.create_image(ElementType::kF32, {coefficients_.rows(), modes}, "ZERNIKE", "rad");
   const ZernikePupil& pupil = plan_.pupil();
   file.write_key("ZERNX", pupil.x, "centre of the pupil, lenslet units");
   file.write_key("ZERNY", pupil.y, "centre of the pupil, lenslet units");
   file.write_key("ZERNR", pupil.radius, "radius of the pupil, pitches");
   file.write_key("ZERNEPS", pupil.obscuration, "inner radius over radius; 0: disc");
-  if (frames > 0) file.write_pixels<float>(0, coefficients_);
+  write_rows(file, coefficients_);
+  file.create_image(ElementType::kF32, {errors_.rows(), modes}, "ZERNIKE_ERR", "rad");
+  write_rows(file, errors_);
   MemoryTable names("ZERNIKE_MODES", {{"NOLL", 'J', ""}, {"N", 'J', ""}, {"M", 'J', ""}});
   for (int i = 0; i < plan_.modes(); ++i) {
     const Zernike& zernike = plan_.zernike(i);

@@ -1,11 +1,11 @@
 // ModeResults puts Zernike coefficients, and the wavefront in figures, into a results file.
 #pragma once
 
-#include <vector>
+#include <string>
 
 #include "acquisition/fits/fits_file.h"
 #include "reconstruct/modes/mode_fit.h"
-#include "service/results/memory_table.h"
+#include "service/results/row_table.h"
 #include "service/results/wavefront_figures.h"
 #include "service/stages.h"
 
@@ -16,18 +16,21 @@ ModePlan modes_of(const Plan& plan);
 
 class ModeResults {
  public:
-  explicit ModeResults(const Plan& plan);
+  /// beside: the file beside which rows wait, see RowTable.
+  ModeResults(const Plan& plan, const std::string& beside);
 
   void add(const FrameSlot& slot);
-  /// Appends the image ZERNIKE and the tables ZERNIKE_MODES and WAVEFRONT to the file.
+  /// Appends the images ZERNIKE and ZERNIKE_ERR and the tables ZERNIKE_MODES and WAVEFRONT to the
+  /// file.
   void write(FitsFile& file) const;
 
  private:
   ModePlan plan_;
   ModeFit fit_;
   double wavelength_m_;
-  std::vector<float> coefficients_;  ///< [frames, modes]
-  MemoryTable wavefront_;
+  RowTable coefficients_;  ///< [frames, modes]
+  RowTable errors_;        ///< [frames, modes]
+  RowTable wavefront_;
 };
 
 }  // namespace curlew

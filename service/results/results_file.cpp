@@ -8,7 +8,7 @@
 #include "acquisition/recording/provenance.h"
 #include "acquisition/recording/recording_keys.h"
 #include "core/error.h"
-#include "service/program/version.h"
+#include "service/results/result_rows.h"
 
 namespace curlew {
 namespace {
@@ -56,6 +56,21 @@ std::vector<float> circulation_plane(const FrameSlot& slot) {
   return plane;
 }
 
+template <typename Pixel>
+std::vector<float> adu_of(const FrameSlot& slot) {
+  const FrameFormat& format = slot.frame->format();
+  const Pixel* pixels = slot.frame->view().data<Pixel>();
+  std::vector<float> plane(format.pixels());
+  std::transform(pixels, pixels + plane.size(), plane.begin(), [&](Pixel count) {
+    return static_cast<float>(format.zero_adu + format.scale_adu * count);
+  });
+  return plane;
+}
+std::vector<float> frame_plane(const FrameSlot& slot) {
+  return slot.frame->format().pixel_type == PixelType::kU8 ? adu_of<std::uint8_t>(slot)
+                                                           : adu_of<std::uint16_t>(slot);
+}
+
 std::string upper(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
                  [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
@@ -89,54 +104,37 @@ SaveOptions save_options_from(const std::vector<std::string>& words) {
       save.circulation = true;
     } else if (word == "zernike") {
       save.zernike = true;
+    } else if (word == "frame") {
+      save.frame = true;
     } else {
       throw UsageError(
           "--save: '" + word +
-          "' is none of slopes, flux, phase, whole_phase, solenoidal, circulation, zernike");
+          "' is none of slopes, flux, phase, whole_phase, solenoidal, circulation, zernike, frame");
     }
   }
   return save;
 }
 
 ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOptions& save,
-                         std::int64_t frames)
-    : file_(FitsFile::create(path)),
+                         std::int64_t frames, ResultsContent content)
+    : path_(path),
+      file_(FitsFile::create(path)),
       grid_(plan.grid),
-      frame_table_("FRAMES", {{"FRAME", 'K', ""},
-                              {"SEQUENCE", 'K', ""},
-                              {"CAMERA_NS", 'K', "ns"},
-                              {"RECEIVED_NS", 'K', "ns"},
-                              {"STATUS", 'J', ""},
-                              {"N_VALID", 'J', ""},
-                              {"N_VORTICES", 'J', ""},
-                              {"OVERFLOW", 'J', ""},
-                              {"N_LOST", 'J', ""},
-                              {"N_ISLANDS", 'J', ""}}),
-      vortex_table_("VORTICES", {{"FRAME", 'K', ""},
-                                 {"X", 'D', ""},
-                                 {"Y", 'D', ""},
-                                 {"CHARGE", 'J', ""},
-                                 {"CIRCULATION", 'D', "rad"},
-                                 {"SIGNIFICANCE", 'D', ""},
-                                 {"X_PX", 'D', "pix"},
-                                 {"Y_PX", 'D', "pix"},
-                                 {"FLAGS", 'J', ""},
-                                 {"TRACK", 'K', ""},
-                                 {"PROBABILITY", 'D', ""},
-                                 {"VAR_X", 'D', ""},
-                                 {"VAR_Y", 'D', ""},
-                                 {"COV_XY", 'D', ""},
-                                 {"VX", 'D', "s-1"},
-                                 {"VY", 'D', "s-1"}}),
-      hole_table_("HOLES", {{"FRAME", 'K', ""},
-                            {"HOLE", 'J', ""},
-                            {"CIRCULATION", 'D', "rad"},
-                            {"X", 'D', ""},
-                            {"Y", 'D', ""},
-                            {"ONE_SUBLATTICE", 'J', ""}}),
-      latency_table_("LATENCY", latency_columns()) {
+      has_candidates_(content == ResultsContent::kShard && plan.tracker.has_value()),
+      frame_table_("FRAMES", frame_columns(), path),
+      vortex_table_("VORTICES", vortex_columns(), path),
+      hole_table_("HOLES",
+                  {{"FRAME", 'K', ""},
+                   {"HOLE", 'J', ""},
+                   {"CIRCULATION", 'D', "rad"},
+                   {"X", 'D', ""},
+                   {"Y", 'D', ""},
+                   {"ONE_SUBLATTICE", 'J', ""}},
+                  path),
+      latency_table_("LATENCY", latency_columns(), path) {
   file_.create_image(ElementType::kU8, {});
-  file_.write_key("CONTENT", std::string("CURLEW RESULTS"));
+  file_.write_key("CONTENT",
+                  std::string(content == ResultsContent::kShard ? kShardContent : kResultsContent));
   write_optics(file_, plan.optics);
   write_detector(file_, plan.detector);
   Provenance provenance = provenance_of(plan.config);
@@ -167,8 +165,10 @@ ResultsFile::ResultsFile(const std::string& path, const Plan& plan, const SaveOp
   add_cube(save.phase || save.whole_phase, "ISLAND", "", {rows, cols}, island_plane,
            ElementType::kI32);
   add_cube(save.solenoidal, "SOLENOIDAL", "rad", {2, rows, cols}, solenoidal_plane);
-  if (save.zernike) modes_ = std::make_unique<ModeResults>(plan);
+  if (save.zernike) modes_ = std::make_unique<ModeResults>(plan, path);
   add_cube(save.circulation, "CIRCULATION", "rad", {rows - 1, cols - 1}, circulation_plane);
+  add_cube(save.frame, "FRAME", "adu", {plan.centroid.frame_rows, plan.centroid.frame_cols},
+           frame_plane);
 }
 
 void ResultsFile::add(const FrameSlot& slot) {
@@ -181,15 +181,12 @@ void ResultsFile::add(const FrameSlot& slot) {
   const std::int64_t frame = slot.frame_index;
   const FrameHeader& header = slot.frame->header;
   if (frames_++ == 0) observed_ns_ = header.received_ns;
+  const VortexList& vortices = has_candidates_ ? slot.candidates : slot.vortices;
   frame_table_.append(frame, header.sequence, header.camera_ns, header.received_ns, header.status,
-                      slot.slopes.n_valid, slot.vortices.size(), slot.vortices.overflow(),
+                      slot.slopes.n_valid, vortices.size(), vortices.overflow(),
                       slot.centroids.n_lost, slot.split.n_islands);
-  for (const Vortex& v : slot.vortices) {
-    const auto pixel = grid_.pixel_from_lenslet(static_cast<double>(v.x), static_cast<double>(v.y));
-    vortex_table_.append(frame, v.x, v.y, v.charge, v.circulation, v.significance, pixel[0],
-                         pixel[1], v.flags, v.track, v.probability, v.variance_x, v.variance_y,
-                         v.covariance_xy, v.velocity_x, v.velocity_y);
-  }
+  for (const Vortex& vortex : vortices) append_vortex(vortex_table_, frame, vortex, grid_);
+  tracks_.add(frame, header, vortices);
   for (std::size_t hole = 0; hole < slot.split.holes.size(); ++hole) {
     const HoleCirculation& h = slot.split.holes[hole];
     hole_table_.append(frame, hole, h.circulation, h.x, h.y, h.one_sublattice ? 1 : 0);
@@ -198,11 +195,10 @@ void ResultsFile::add(const FrameSlot& slot) {
 
 void ResultsFile::add_latency(const FrameSlot& slot) {
   const auto us = [](std::int64_t ns) { return static_cast<double>(ns) * 1e-3; };
-  std::size_t column = 0;
-  latency_table_.put(column++, slot.frame_index);
-  for (const std::int64_t ns : slot.latency.stage_ns) latency_table_.put(column++, us(ns));
-  latency_table_.put(column++, us(slot.latency.publish_ns));
-  latency_table_.put(column++, us(slot.latency.total_ns));
+  latency_table_.put(slot.frame_index);
+  for (const std::int64_t ns : slot.latency.stage_ns) latency_table_.put(us(ns));
+  latency_table_.put(us(slot.latency.publish_ns));
+  latency_table_.put(us(slot.latency.total_ns));
 }
 
 void ResultsFile::commit() {
@@ -216,7 +212,9 @@ void ResultsFile::commit() {
   frame_table_.write(file_);
   vortex_table_.write(file_);
   hole_table_.write(file_);
+  tracks_.table(path_).write(file_);
   latency_table_.write(file_);
+  for (const MemoryTable& table : more_tables_) table.write(file_);
   if (modes_) modes_->write(file_);
   file_.commit();
 }

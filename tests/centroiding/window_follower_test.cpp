@@ -255,6 +255,46 @@ TEST(WindowFollower, FollowsADriftOfAPitchInAHundredFrames) {
   }
 }
 
+bool same(const FollowerMemory& a, const FollowerMemory& b) {
+  return a.frames == b.frames && a.started == b.started && a.model.x == b.model.x &&
+         a.model.y == b.model.y && std::equal(a.seen.begin(), a.seen.end(), b.seen.begin());
+}
+
+// Two followers, of which one comes later, know the same after a few settlings; and one that
+// recalls what another knew goes on as that does.
+TEST(WindowFollower, ForgetsHowTheWindowsCameWhereTheyAre) {
+  const Scene scene;
+  Following early(scene);
+  Following late(scene);
+  Following recalling(scene);
+  constexpr int kLate = 40, kRecalled = 150;
+  const int frames = 6 * static_cast<int>(WindowFollower::kSettlingFrames);
+  int apart = 0;
+  for (int k = 0; k < frames; ++k) {
+    early.see(tilt(0.002 * k, 0.1 * std::sin(0.02 * k)), round_beam);
+    if (k == kLate) {
+      FollowerMemory memory = late.follower.memory();
+      memory.frames = k;
+      late.follower.recall(late.plan, late.level_plan, memory);
+    }
+    if (k >= kLate) {
+      late.counts = early.counts;
+      late.measure();
+      apart += same(early.follower.memory(), late.follower.memory()) ? 0 : 1;
+    }
+    if (k >= kRecalled) {
+      recalling.counts = early.counts;
+      recalling.measure();
+      EXPECT_TRUE(same(early.follower.memory(), recalling.follower.memory())) << k;
+    }
+    if (k == kRecalled - 1) {
+      recalling.follower.recall(recalling.plan, recalling.level_plan, early.follower.memory());
+    }
+  }
+  EXPECT_GT(apart, 0) << "they must begin apart, or this test shows nothing";
+  EXPECT_TRUE(same(early.follower.memory(), late.follower.memory()));
+}
+
 TEST(WindowFollower, AStepIsFoundByWhichLensletsWereLit) {
   for (const Place step : {Place{0.8, 0.0}, Place{1.0, 0.0}, Place{-1.0, 1.0}, Place{0.0, -1.6}}) {
     for (const bool at_rim : {false, true}) {

@@ -19,7 +19,7 @@ namespace curlew {
 namespace {
 
 constexpr int kWindow = 8;
-#if defined(__SANITIZE_THREAD__)
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 constexpr std::int64_t kFrames = 80;
 #else
 constexpr std::int64_t kFrames = 200;

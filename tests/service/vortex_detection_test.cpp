@@ -19,6 +19,11 @@ namespace curlew {
 namespace {
 
 constexpr std::uint64_t kSeed = 7801;
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr int kFramesToCompare = 3;
+#else
+constexpr int kFramesToCompare = 12;
+#endif
 
 /// Returns the benchmark's turbulence with the simulator's own noise.
 SimulatorOptions turbulence(double photons, int frames) {
@@ -82,8 +87,8 @@ TEST(VortexDetection, TheWhitenedFilterFindsSomeAndHardlyAFalseOne) {
 TEST(VortexDetection, FollowingTheSpotsCostsNoVortices) {
   for (const DetectMethod method :
        {DetectMethod::kCirculation, DetectMethod::kWhitened, DetectMethod::kClassifier}) {
-    const Counts still = count(method, 12, false);
-    const Counts following = count(method, 12, true);
+    const Counts still = count(method, kFramesToCompare, false);
+    const Counts following = count(method, kFramesToCompare, true);
     SCOPED_TRACE("seed " + std::to_string(kSeed) + ", method " +
                  std::to_string(static_cast<int>(method)));
     EXPECT_GE(following.hits, still.hits - still.hits / 20 - 1) << "of " << still.required;

@@ -1,9 +1,11 @@
 // Preloaded, this makes one call of a program fail: the CURLEW_FAIL_AT-th call (from 1) of
-// CURLEW_FAIL_CALL on a file whose path contains CURLEW_FAIL_PATH. It fails with the error number
-// CURLEW_FAIL_WITH; with 0 a write takes half of its bytes. It then makes the file
-// CURLEW_FAIL_MARK.
+// CURLEW_FAIL_CALL on a file whose path contains CURLEW_FAIL_PATH, or on a socket where that is
+// empty. It fails with the error number CURLEW_FAIL_WITH; with 0 a write takes half of its bytes.
+// It then makes the file CURLEW_FAIL_MARK.
 #include <dlfcn.h>
 #include <fcntl.h>
+#include <poll.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include <array>
@@ -80,6 +82,11 @@ int ftruncate(int fd, off_t size) noexcept {
   return next<int(int, off_t)>("ftruncate")(fd, size);
 }
 
+int posix_fallocate(int fd, off_t offset, off_t size) {
+  if (fails("posix_fallocate", path_of(fd))) return errno;
+  return next<int(int, off_t, off_t)>("posix_fallocate")(fd, offset, size);
+}
+
 int rename(const char* from, const char* to) noexcept {
   if (fails("rename", to)) return -1;
   return next<int(const char*, const char*)>("rename")(from, to);
@@ -124,6 +131,65 @@ int fclose(FILE* file) {
   if (!failing) return result;
   errno = error;
   return EOF;
+}
+
+int socket(int domain, int type, int protocol) noexcept {
+  if (fails("socket", "")) return -1;
+  return next<int(int, int, int)>("socket")(domain, type, protocol);
+}
+
+int bind(int fd, const sockaddr* address, socklen_t length) noexcept {
+  if (fails("bind", "")) return -1;
+  return next<int(int, const sockaddr*, socklen_t)>("bind")(fd, address, length);
+}
+
+int listen(int fd, int backlog) noexcept {
+  if (fails("listen", "")) return -1;
+  return next<int(int, int)>("listen")(fd, backlog);
+}
+
+int accept4(int fd, sockaddr* address, socklen_t* length, int flags) {
+  if (fails("accept4", "")) return -1;
+  return next<int(int, sockaddr*, socklen_t*, int)>("accept4")(fd, address, length, flags);
+}
+
+int connect(int fd, const sockaddr* address, socklen_t length) {
+  if (fails("connect", "")) return -1;
+  return next<int(int, const sockaddr*, socklen_t)>("connect")(fd, address, length);
+}
+
+int setsockopt(int fd, int level, int name, const void* value, socklen_t length) noexcept {
+  if (fails("setsockopt", "")) return -1;
+  return next<int(int, int, int, const void*, socklen_t)>("setsockopt")(fd, level, name, value,
+                                                                        length);
+}
+
+ssize_t recv(int fd, void* bytes, std::size_t size, int flags) {
+  if (fails("recv", "")) return -1;
+  return next<ssize_t(int, void*, std::size_t, int)>("recv")(fd, bytes, size, flags);
+}
+
+ssize_t recvmsg(int fd, msghdr* message, int flags) {
+  if (fails("recvmsg", "")) return -1;
+  return next<ssize_t(int, msghdr*, int)>("recvmsg")(fd, message, flags);
+}
+
+ssize_t send(int fd, const void* bytes, std::size_t size, int flags) {
+  if (fails("send", "")) {
+    if (errno != 0) return -1;
+    size = (size + 1) / 2;
+  }
+  return next<ssize_t(int, const void*, std::size_t, int)>("send")(fd, bytes, size, flags);
+}
+
+ssize_t sendmsg(int fd, const msghdr* message, int flags) {
+  if (fails("sendmsg", "")) return -1;
+  return next<ssize_t(int, const msghdr*, int)>("sendmsg")(fd, message, flags);
+}
+
+int poll(pollfd* polled, nfds_t count, int timeout_ms) {
+  if (fails("poll", "")) return -1;
+  return next<int(pollfd*, nfds_t, int)>("poll")(polled, count, timeout_ms);
 }
 
 }  // extern "C"

@@ -230,6 +230,13 @@ TEST_F(BadInput, WithoutStandardDescriptorsNothingStrayIsWritten) {
   }
 }
 
+// Aravis crashes where it is refused a socket.
+TEST_F(BadInput, WithFewDescriptorsAravisIsNotAsked) {
+  for (const int most : {12, 16, 24, 40})
+    expect_refused("calibrate --camera aravis: --out new.fits", 1, {"ulimit -n"},
+                   "ulimit -n " + std::to_string(most) + "; ");
+}
+
 TEST_F(BadInput, StandardOutputTakesOnlyTheLines) {
   const ProgramRun run = run_curlew(scratch_, "replay ref.fits --sensor sensor.fits --jsonl -");
   EXPECT_EQ(run.exit_code, 0) << run.err;

@@ -1,6 +1,7 @@
 // The benchmarks of single stages, as commands: they run, and say as JSON what they promise.
 #include <gtest/gtest.h>
 
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -105,6 +106,45 @@ TEST(BenchCommands, Circulation) {
     expect_number(entry, "found");
   }
   EXPECT_EQ(said["cases"][1]["vortices"], 2);
+}
+
+TEST(BenchCommands, LatencyByStageAndBySize) {
+#ifdef NDEBUG
+  const ScratchDirectory scratch;
+  const ProgramRun one =
+      run_curlew(scratch, "bench latency --rows 8 --cols 8 --window 6 --frames 50 --json");
+  EXPECT_EQ(one.exit_code, 0) << one.err;
+  const json said = json::parse(one.out, nullptr, false);
+  for (const char* memory : {"warm", "cold"})
+    for (const char* name :
+         {"centroid", "slopes", "detect", "split", "total", "plain_rows", "read"})
+      expect_times(said["cases"][0][memory], name);
+  for (const char* name : {"read", "centroid", "total"})
+    expect_number(said["cases"][0]["ns_per_lenslet"], name);
+  const ProgramRun refused = run_curlew(scratch, "bench latency --scaling --rows 8");
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_NE(refused.err.find("--scaling"), std::string::npos) << refused.err;
+#endif
+}
+
+TEST(BenchCommands, CompareWithAnEarlierRun) {
+#ifdef NDEBUG
+  const ScratchDirectory scratch;
+  const std::string command = "bench circulation --rows 8 --cols 8 --vortices 0 --rounds 20";
+  const ProgramRun first = run_curlew(scratch, command + " --json");
+  ASSERT_EQ(first.exit_code, 0) << first.err;
+  std::ofstream((scratch / "old.json")) << first.out;
+  const std::string compare = " --compare " + (scratch / "old.json");
+  const json said = json::parse(run_curlew(scratch, command + " --json" + compare).out);
+  ASSERT_EQ(said["compared"].size(), 3U);
+  for (const json& figure : said["compared"]) EXPECT_GT(figure["ratio"], 0.0);
+  const ProgramRun text = run_curlew(scratch, command + compare);
+  EXPECT_NE(text.out.find("of 3 figures have changed"), std::string::npos) << text.out;
+  const ProgramRun other =
+      run_curlew(scratch, "bench circulation --rows 9 --cols 8 --vortices 0 --rounds 20" + compare);
+  EXPECT_EQ(other.exit_code, 1);
+  EXPECT_NE(other.err.find("old.json"), std::string::npos) << other.err;
+#endif
 }
 
 TEST(BenchCommands, TablesForPeople) {

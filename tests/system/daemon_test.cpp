@@ -1,120 +1,18 @@
-// The daemon as a user runs it: in another process, with a camera over real packets on loopback.
-#include <gtest/gtest.h>
-
+// The daemon's results, states, reloads and exit codes.
 #include <cstdio>
 #include <cstdlib>
-#include <fstream>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <random>
+#include <sstream>
 
 #include "service/daemon/control_socket.h"
-#include "tests/support/fake_gige_camera.h"
-#include "tests/support/loopback.h"
-#include "tests/support/process.h"
-#include "tests/support/program.h"
+#include "tests/system/daemon_fixture.h"
 
 namespace curlew {
 namespace {
 
 using nlohmann::json;
 using std::chrono::seconds;
-
-constexpr int kDistinctFrames = 60;
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kSanitized = true;
-#else
-constexpr bool kSanitized = false;
-#endif
-
-std::vector<json> json_lines(const std::string& path) {
-  std::vector<json> lines;
-  std::ifstream file(path);
-  for (std::string line; std::getline(file, line);) lines.push_back(json::parse(line));
-  return lines;
-}
-
-/// Returns the number before `words` in the text.
-std::int64_t number_before(const std::string& text, const std::string& words) {
-  const std::size_t at = text.find(words);
-  if (at == std::string::npos) return -1;
-  std::size_t begin = at;
-  while (begin > 0 && std::isdigit(static_cast<unsigned char>(text[begin - 1])) != 0) --begin;
-  return begin == at ? -1 : std::stoll(text.substr(begin, at - begin));
-}
-
-/// The account that the daemon prints at its end.
-struct Account {
-  explicit Account(const std::string& out)
-      : delivered(number_before(out, " frames delivered")),
-        results(number_before(out, " results +")),
-        superseded(number_before(out, " superseded")),
-        unprocessed(number_before(out, " not processed")),
-        lost(number_before(out, " lost (")),
-        incomplete(number_before(out, " incomplete")),
-        connections(number_before(out, " connections")) {}
-  std::int64_t delivered, results, superseded, unprocessed, lost, incomplete, connections;
-};
-
-void expect_balanced(const Account& account) {
-  EXPECT_GE(account.results, 0);
-  EXPECT_EQ(account.delivered, account.results + account.superseded + account.unprocessed);
-}
-
-class Daemon : public ::testing::Test {
- protected:
-  static void SetUpTestSuite() { claim_loopback(); }
-
-  void run(const std::string& arguments) {
-    const ProgramRun program = run_curlew(scratch_, arguments);
-    ASSERT_EQ(program.exit_code, 0) << arguments << "\n" << program.err;
-  }
-  void make_sensor_and_recording() {
-    const std::string size = "--rows 12 --cols 12 --window 8 ";
-    run("simulate --preset plane " + size + "--frames 20 --photons 20000 --bits 14 --out ref.fits");
-    run("calibrate ref.fits --out sensor.fits");
-    run("simulate --preset vortex " + size +
-        "--amplitude linear --core-radius 1.5 --vortex 3.4,2.6,+1 --vortex 8.7,8.2,-1 "
-        "--velocity 0.02,0.01 --photons 1500 --seed 7701 --out beam.fits --frames " +
-        std::to_string(kDistinctFrames));
-  }
-  std::unique_ptr<Process> serve(const std::vector<std::string>& more = {}) {
-    std::vector<std::string> command{CURLEW_SERVE_GIGE, scratch_ / "beam.fits"};
-    command.insert(command.end(), more.begin(), more.end());
-    auto server =
-        std::make_unique<Process>(command, scratch_ / "server.out", scratch_ / "server.err");
-    EXPECT_TRUE(server->says("ready", seconds(20))) << server->err();
-    return server;
-  }
-  std::unique_ptr<Process> daemon(const std::vector<std::string>& more,
-                                  void (*before_exec)() = nullptr) {
-    std::vector<std::string> command{CURLEW_PROGRAM, "run"};
-    command.insert(command.end(), more.begin(), more.end());
-    return std::make_unique<Process>(command, scratch_ / "daemon.out", scratch_ / "daemon.err",
-                                     before_exec);
-  }
-  /// Returns the lines that replay writes for the recording's frames, in their order.
-  std::vector<json> replayed() {
-    run("replay beam.fits --sensor sensor.fits --jsonl replay.jsonl");
-    return json_lines(scratch_ / "replay.jsonl");
-  }
-  /// Expects every result to be, to the last digit, that of the recording's frame that it shows.
-  void expect_as_replayed(const std::string& jsonl) {
-    const std::vector<json> truth = replayed();
-    ASSERT_EQ(truth.size(), static_cast<std::size_t>(kDistinctFrames));
-    std::size_t vortices = 0;
-    for (const json& line : json_lines(jsonl)) {
-      const std::size_t image =
-          FakeGigeCamera::image_of(line["sequence"].get<std::int64_t>(), kDistinctFrames);
-      ASSERT_EQ(line["vortices"].dump(), truth[image]["vortices"].dump()) << line["sequence"];
-      ASSERT_EQ(line["n_valid"], truth[image]["n_valid"]);
-      vortices += line["vortices"].size();
-    }
-    EXPECT_GT(vortices, 100U) << "there must be vortices to compare";
-  }
-
-  ScratchDirectory scratch_;
-};
 
 TEST_F(Daemon, VorticesOverGigeVisionAreThoseOfReplay) {
   make_sensor_and_recording();
@@ -210,6 +108,69 @@ TEST_F(Daemon, ACameraThatDiesAndReturnsIsFoundEveryTime) {
   expect_as_replayed(scratch_ / "live.jsonl");
 }
 
+// Frames of another shape are never worked on, and when those of before come, all goes on.
+TEST_F(Daemon, ACameraThatReturnsWithOtherFramesIsRefusedOnceAndWaitedFor) {
+  make_sensor_and_recording();
+  const std::string other = "simulate --preset vortex --frames 3 --window 8 --photons 1500 ";
+  run(other + "--rows 11 --cols 12 --out smaller.fits");
+  run(other + "--rows 12 --cols 12 --bits 8 --out bytes.fits");
+  const std::string config = scratch_ / "c.toml";
+  const std::string socket = scratch_ / "control";
+  write_bytes(config, "[camera]\ntimeout_s = 0.5\nmax_backoff_s = 0.2\n[daemon]\ncontrol = \"" +
+                          socket + "\"\n");
+  const auto curlew = daemon({"--config", config, "--camera", "aravis:127.0.0.1", "--sensor",
+                              scratch_ / "sensor.fits", "--jsonl", scratch_ / "live.jsonl"});
+  const auto status = [&] { return json::parse(ask_daemon(socket, "status")); };
+  const auto results = [&] { return status()["results"].get<std::int64_t>(); };
+  const auto goes_on = [&] {
+    const std::int64_t enough = results() + kDistinctFrames;
+    for (int i = 0; i < 1000 && results() < enough; ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    return results() >= enough;
+  };
+  const auto lose = [&](const std::unique_ptr<Process>& server) {
+    server->signal(SIGKILL);
+    server->wait(seconds(5));
+    const auto streams = [&] {
+      const std::string state = status()["state"].get<std::string>();
+      return state == "streaming" || state == "degraded" || state == "no light";
+    };
+    for (int i = 0; i < 500 && streams(); ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    return results();
+  };
+  ASSERT_TRUE(curlew->says("state=searching", seconds(20))) << curlew->err();
+  std::int64_t before = 0;
+  {
+    const auto server = serve({"--rate", "200"});
+    ASSERT_TRUE(goes_on()) << curlew->err();
+    before = lose(server);
+  }
+  {
+    const auto server = serve({"--rate", "200"}, "smaller.fits");
+    EXPECT_TRUE(curlew->says("is 88×96 but", seconds(20))) << curlew->err();
+    std::this_thread::sleep_for(seconds(1));  // in which it tries again
+    EXPECT_EQ(results(), before);
+    EXPECT_EQ(lose(server), before);
+  }
+  {
+    const auto server = serve({"--rate", "200"}, "bytes.fits");
+    EXPECT_TRUE(curlew->says("pixel format is 8 bits but", seconds(20))) << curlew->err();
+    EXPECT_EQ(lose(server), before);
+  }
+  const auto server = serve({"--rate", "200"});
+  EXPECT_TRUE(goes_on()) << curlew->err();
+  curlew->signal(SIGTERM);
+  ASSERT_EQ(curlew->wait(seconds(30)), 0) << curlew->err();
+  const std::string log = curlew->err();
+  int told = 0;
+  for (std::size_t at = log.find("88×96"); at != std::string::npos; at = log.find("88×96", at + 1))
+    ++told;
+  EXPECT_LE(told, 2) << "it is said again only after another complaint\n" << log;
+  expect_balanced(Account(curlew->out()));
+  expect_as_replayed(scratch_ / "live.jsonl");
+}
+
 // systemd does not start the service again after exit code 2.
 TEST_F(Daemon, WhatWouldBeSoAgainAtTheNextStartIsAMatterOfConfiguration) {
   const auto expect_usage = [&](const std::string& config, const std::string& words) {
@@ -226,6 +187,16 @@ TEST_F(Daemon, WhatWouldBeSoAgainAtTheNextStartIsAMatterOfConfiguration) {
   expect_usage(camera + "[recorder]\nmode = \"continuous\"\nfolder = \"/none\"\n",
                "/none does not exist: make it");
   expect_usage(camera + "[daemon]\njsonl = \"/none/a.jsonl\"\n", "/none/a.jsonl");
+}
+
+TEST_F(Daemon, WithoutAFrameNothingWasMeasured) {
+  make_sensor_and_recording();
+  const auto curlew = daemon(
+      {"--camera", "aravis:127.0.0.1", "--sensor", scratch_ / "sensor.fits", "--seconds", "0.5"});
+  EXPECT_EQ(curlew->wait(seconds(30)), 1) << curlew->err();
+  EXPECT_NE(curlew->err().find("nothing was measured: no frame came from aravis:127.0.0.1"),
+            std::string::npos)
+      << curlew->err();
 }
 
 TEST_F(Daemon, StopsWhileItOpensOrSearches) {
@@ -322,30 +293,6 @@ TEST_F(Daemon, AnOrdinaryUserIsToldOnceWhatWasRefused) {
   if (geteuid() == 0) {
     EXPECT_GE(told.size(), 2U) << log;
   }
-}
-
-TEST_F(Daemon, SoakKeepsItsAccountsAndItsMemory) {
-  const char* asked = std::getenv("CURLEW_SOAK_SECONDS");
-  const int length_s = asked == nullptr ? 20 : std::stoi(asked);
-  const auto curlew = daemon(
-      {"--camera", "sim:dipole", "--jsonl", "/dev/null", "--seconds", std::to_string(length_s)});
-  std::this_thread::sleep_for(seconds(length_s / 4 + 3));
-  const long memory_then = curlew->memory_kb();
-  std::this_thread::sleep_for(seconds(length_s / 2));
-  const long memory_now = curlew->memory_kb();
-  ASSERT_EQ(curlew->wait(seconds(length_s + 60)), 0) << curlew->err();
-  const Account account(curlew->out());
-  expect_balanced(account);
-  EXPECT_GT(account.results, 100 * length_s) << "it must reach a tenth of the rate at least";
-  EXPECT_EQ(account.lost, 0) << "the pipeline must always leave the camera a buffer";
-  if (!kSanitized) {  // a sanitizer keeps what was freed, and more of it with time
-    EXPECT_LT(memory_now, memory_then + 2048)
-        << "resident kB must not grow from a quarter of the time to the end";
-  }
-  std::printf("%d s: %lld delivered, %lld results, %lld superseded, memory %ld kB then, %ld now\n",
-              length_s, static_cast<long long>(account.delivered),
-              static_cast<long long>(account.results), static_cast<long long>(account.superseded),
-              memory_then, memory_now);
 }
 
 TEST_F(Daemon, ControlSocketTellsAndRefuses) {

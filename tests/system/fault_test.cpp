@@ -11,6 +11,7 @@
 #include <sstream>
 
 #include "acquisition/fits/fits_file.h"
+#include "tests/support/failing_calls.h"
 #include "tests/support/program.h"
 
 namespace curlew {
@@ -20,7 +21,8 @@ namespace fs = std::filesystem;
 
 struct Fault {
   const char* call;
-  int error;  ///< 0: a write takes half of the bytes
+  int error;                  ///< 0: a write takes half of the bytes
+  const char* path = "made";  ///< what is in the path; empty for sockets
 };
 
 class FaultsOnPurpose : public ::testing::Test {
@@ -50,12 +52,7 @@ class FaultsOnPurpose : public ::testing::Test {
         fs::copy_file(*good_ / name, folder / name);
       const std::string mark = elsewhere / "mark";
       const ProgramRun run = run_curlew(
-          folder, arguments,
-          before +
-              "ASAN_OPTIONS=verify_asan_link_order=0 LD_PRELOAD=" CURLEW_FAILING_CALLS
-              " CURLEW_FAIL_CALL=" +
-              fault.call + " CURLEW_FAIL_AT=" + std::to_string(at) + " CURLEW_FAIL_PATH=made" +
-              " CURLEW_FAIL_WITH=" + std::to_string(fault.error) + " CURLEW_FAIL_MARK=" + mark);
+          folder, arguments, before + failing_call(fault.call, fault.error, at, fault.path, mark));
       check(folder, run);
       if (!fs::exists(mark)) return;
       ++faults_;
@@ -138,6 +135,54 @@ TEST_F(FaultsOnPurpose, TheDaemonCountsWhatItCouldNotWrite) {
           EXPECT_EQ(recorded + number_before(run.out, " frames dropped\n"), results)
               << run.out << run.err;
         });
+  }
+}
+
+TEST_F(FaultsOnPurpose, StreamsAreThereOrTheDaemonSaysWhyNot) {
+  const std::string prepare =
+      "mkdir made; printf '[publish]\\nfolder = \"made\"\\nstreams = [\"slopes\"]\\n' >c.toml; ";
+  for (const Fault& fault :
+       {Fault{"open", EMFILE}, Fault{"posix_fallocate", ENOSPC}, Fault{"rename", EIO}}) {
+    const int before = faults_;
+    for_each_call(fault, 2, prepare,
+                  "run --camera file:long.fits --sensor sensor.fits --config c.toml",
+                  [&](const ScratchDirectory& folder, const ProgramRun& run) {
+                    const bool there = fs::exists(folder / "made/curlew_slopes.im.shm");
+                    EXPECT_EQ(run.exit_code == 0, there) << run.err;
+                    EXPECT_FALSE(fs::exists(folder / "made/curlew_slopes.im.shm.new"));
+                    if (there) return;
+                    const std::string last = run.err.substr(run.err.rfind("curlew: "));
+                    EXPECT_NE(last.find("made/curlew_slopes"), std::string::npos) << run.err;
+                  });
+    EXPECT_GT(faults_, before) << fault.call << " was never called";
+  }
+}
+
+// What listens is made when the daemon starts. It listens then, or does not start, and says why.
+TEST_F(FaultsOnPurpose, WhatCannotListenIsSaidAtTheStart) {
+  const std::string prepare =
+      "printf '[daemon]\\ncontrol = \"control\"\\n[metrics]\\nlisten = \"127.0.0.1:0\"\\n' "
+      ">c.toml; NOTIFY_SOCKET=$PWD/none ";
+  for (const Fault& fault :
+       {Fault{"socket", EMFILE, ""}, Fault{"bind", EADDRINUSE, ""}, Fault{"listen", EADDRINUSE, ""},
+        Fault{"connect", EINTR, ""}, Fault{"sendmsg", ENOBUFS, ""}}) {
+    const int before = faults_;
+    for_each_call(fault, 4, prepare,
+                  "run --camera file:long.fits --sensor sensor.fits --config c.toml",
+                  [&](const ScratchDirectory& folder, const ProgramRun& run) {
+                    EXPECT_FALSE(fs::exists(folder / "control"));
+                    if (run.exit_code == 0) {
+                      EXPECT_EQ(number_before(run.out, " frames delivered"), 40) << run.out;
+                      return;
+                    }
+                    EXPECT_EQ(run.exit_code, 1) << run.err;
+                    const std::string last = run.err.substr(run.err.rfind("curlew: "));
+                    EXPECT_EQ(std::count(last.begin(), last.end(), '\n'), 1) << last;
+                    EXPECT_TRUE(last.find("socket") != std::string::npos ||
+                                last.find("metrics: 127.0.0.1:0") != std::string::npos)
+                        << last;
+                  });
+    EXPECT_GT(faults_, before) << fault.call << " was never called";
   }
 }
 

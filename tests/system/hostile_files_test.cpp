@@ -1,9 +1,12 @@
 // Files that are meant to hurt, given to every command that reads files: no crash, no hang, no
 // memory beyond the limit, one sentence, a non-zero exit.
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <zlib.h>
 
 #include <algorithm>
+#include <chrono>
+#include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -54,12 +57,29 @@ class HostileFiles : public ::testing::Test {
     ASSERT_EQ(run_curlew(*folder_, "simulate " + small + "ref.fits").exit_code, 0);
     const ProgramRun run = run_curlew(*folder_, "calibrate ref.fits --out sensor.fits");
     ASSERT_EQ(run.exit_code, 0) << run.err;
+    const std::string replay = "replay ref.fits --sensor sensor.fits --save slopes,flux --out ";
+    ASSERT_EQ(run_curlew(*folder_, replay + "results.fits").exit_code, 0);
   }
-  static void TearDownTestSuite() { folder_.reset(); }
+  static void TearDownTestSuite() {
+    folder_.reset();
+    rusage used{};
+    getrusage(RUSAGE_CHILDREN, &used);
+    std::printf("%d runs, the longest %.1f s, the largest %.0f MB\n", runs_, longest_s_,
+                static_cast<double>(used.ru_maxrss) / 1024.0);
+  }
+  static ProgramRun run_within_limits(const ScratchDirectory& folder,
+                                      const std::string& arguments) {
+    const auto begin = std::chrono::steady_clock::now();
+    ProgramRun run = run_curlew(folder, arguments, kLimits);
+    const std::chrono::duration<double> lasted = std::chrono::steady_clock::now() - begin;
+    ++runs_;
+    longest_s_ = std::max(longest_s_, lasted.count());
+    return run;
+  }
 
   /// Runs one command on the file. Returns its exit code; expects one sentence if it is not 0.
   static int run(const std::string& arguments, const std::string& file) {
-    const ProgramRun run = run_curlew(*folder_, arguments, kLimits);
+    const ProgramRun run = run_within_limits(*folder_, arguments);
     const std::string what = arguments + "\nstderr: " + run.err;
     EXPECT_LE(run.exit_code, 2) << what;
     if (run.exit_code == 0) return 0;
@@ -72,17 +92,29 @@ class HostileFiles : public ::testing::Test {
     EXPECT_EQ(run.err.find('\x1b'), std::string::npos) << what;
     return run.exit_code;
   }
-  static void expect_all_refuse(const std::string& file) {
-    const std::vector<std::string> commands{
+  /// Returns the commands that read a sensor file, with this one.
+  static std::vector<std::string> commands_with_sensor(const std::string& file) {
+    return {"replay ref.fits --sensor " + file + " --out new.fits",
+            "run --camera file:ref.fits --sensor " + file + " --frames 1",
+            "export results.fits --aot --recording ref.fits --sensor " + file + " --out new.fits"};
+  }
+  /// Returns the commands that read frames, maps or results, with this file.
+  static std::vector<std::string> commands_with_frames(const std::string& file) {
+    return {
         "replay " + file + " --sensor sensor.fits --out new.fits",
-        "replay ref.fits --sensor " + file + " --out new.fits",
         "calibrate " + file + kOptics + "--out new.fits",
         "calibrate ref.fits --dark " + file + " --out new.fits",
         "calibrate ref.fits --flat " + file + " --out new.fits",
         "calibrate ref.fits --bad-pixels " + file + " --out new.fits",
         "simulate --preset field --field " + file + " --out new.fits",
         "run --camera file:" + file + " --sensor sensor.fits --frames 1",
-        "run --camera file:ref.fits --sensor " + file + " --frames 1"};
+        "convert " + file + " --out new.fits",
+        "export " + file + " --aot --recording ref.fits --sensor sensor.fits --out new.fits",
+        "export results.fits --aot --recording " + file + " --sensor sensor.fits --out new.fits"};
+  }
+  static void expect_all_refuse(const std::string& file) {
+    std::vector<std::string> commands = commands_with_frames(file);
+    for (const std::string& command : commands_with_sensor(file)) commands.push_back(command);
     for (const std::string& command : commands) {
       EXPECT_NE(run(command, file), 0) << command;
       EXPECT_FALSE(std::filesystem::exists(*folder_ / "new.fits")) << command;
@@ -91,8 +123,12 @@ class HostileFiles : public ::testing::Test {
   static std::string path(const std::string& name) { return *folder_ / name; }
 
   static std::unique_ptr<ScratchDirectory> folder_;
+  static int runs_;
+  static double longest_s_;
 };
 std::unique_ptr<ScratchDirectory> HostileFiles::folder_;
+int HostileFiles::runs_ = 0;
+double HostileFiles::longest_s_ = 0.0;
 
 TEST_F(HostileFiles, HeadersThatOverrunCfitsio) {
   const std::string many = raw_image_header(16, std::vector<std::string>(120, "1"));
@@ -145,7 +181,9 @@ TEST_F(HostileFiles, Configurations) {
   std::string features = "[camera.features]\n";
   for (int i = 0; i < 700'000; ++i) features.append("f").append(std::to_string(i)).append(" = 1\n");
   write_bytes(path("features.toml"), features);
-  for (const std::string file : {"dotted.toml", "features.toml"}) {
+  write_bytes(path("binary.toml"), std::string("a = \"\xff\xfe\0\"\n", 10));
+  for (const std::string file : {"dotted.toml", "features.toml", "binary.toml"}) {
+    EXPECT_EQ(run("doctor --seconds 0 --config " + file, file), 2);
     EXPECT_EQ(run("replay ref.fits --sensor sensor.fits --config " + file, file), 2);
     EXPECT_EQ(run("calibrate ref.fits --out new.fits --config " + file, file), 2);
     EXPECT_EQ(run("run --config " + file, file), 2);
@@ -198,13 +236,23 @@ TEST_F(HostileFiles, ThoseThatOnceHurt) {
   for (const auto& entry : std::filesystem::directory_iterator(given))
     std::filesystem::copy_file(entry, own / entry.path().filename().string());
   const auto expect = [&](const std::string& arguments, const std::string& file) {
-    const ProgramRun run = run_curlew(own, arguments, kLimits);
+    const ProgramRun run = run_within_limits(own, arguments);
     EXPECT_TRUE(run.exit_code == 1 || run.exit_code == 2) << arguments << "\n" << run.err;
-    EXPECT_EQ(std::count(run.err.begin(), run.err.end(), '\n'), 1) << run.err;
+    const std::size_t begin = run.err.rfind("curlew: ");  // The daemon has a log before it.
+    EXPECT_TRUE(begin == 0 || arguments.starts_with("run ")) << arguments << "\n" << run.err;
+    EXPECT_EQ(std::count(run.err.begin() + static_cast<std::ptrdiff_t>(begin), run.err.end(), '\n'),
+              1)
+        << run.err;
     EXPECT_NE(run.err.find(file), std::string::npos) << arguments << "\n" << run.err;
   };
+  ASSERT_EQ(run_curlew(own,
+                       "replay ref.fits --sensor sensor.fits --save slopes,flux --out "
+                       "results.fits")
+                .exit_code,
+            0);
   for (const std::string& name : own.names()) {
-    if (name.ends_with(".md") || name == "sensor.fits" || name == "beam.fits" || name == "ref.fits")
+    if (name == "results.fits" || name.ends_with(".md") || name == "sensor.fits" ||
+        name == "beam.fits" || name == "ref.fits")
       continue;
     if (name.ends_with(".toml")) {
       expect("replay beam.fits --sensor sensor.fits --config " + name, name);
@@ -213,13 +261,10 @@ TEST_F(HostileFiles, ThoseThatOnceHurt) {
           run_curlew(own, "replay beam.fits --jsonl o.jsonl --sensor " + name, kLimits);
       EXPECT_EQ(run.exit_code, 0) << run.err;
       EXPECT_EQ(read_bytes(own / "o.jsonl").find("\"x\":null"), std::string::npos);
-    } else if (name.starts_with("sensor")) {
-      expect("replay beam.fits --out new.fits --sensor " + name, name);
     } else {
-      expect("replay " + name + " --sensor sensor.fits --out new.fits", name);
-      expect("replay beam.fits --out new.fits --sensor " + name, name);
-      expect("calibrate " + name + kOptics + "--out new.fits", name);
-      expect("calibrate ref.fits --out new.fits --dark " + name, name);
+      for (const std::string& command : commands_with_sensor(name)) expect(command, name);
+      if (name.starts_with("sensor")) continue;
+      for (const std::string& command : commands_with_frames(name)) expect(command, name);
     }
   }
   EXPECT_FALSE(std::filesystem::exists(own / "new.fits"));

@@ -7,9 +7,13 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <atomic>
 #include <cstdlib>
 #include <string>
+#include <thread>
 
+#include "acquisition/aravis/socket_filter.h"
 #include "tests/acquisition/aravis/served_camera.h"
 
 namespace curlew {
@@ -42,12 +46,14 @@ std::vector<Bytes> forged_frame(std::uint32_t frame) {
           packet(kTrailer, frame, 3, bytes_of({0, 0, 0, 1, 0, 0, 0, 64}))};
 }
 
-/// Sends packets from an address and a port to the stream's port of this process' camera.
+/// Sends packets from an address, and any port or the one that is given, to a port of 127.0.0.1.
 class Sender {
  public:
-  Sender(const char* address, int to_port) : fd_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+  Sender(const char* address, int to_port, int from_port = 0)
+      : fd_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
     sockaddr_in from{};
     from.sin_family = AF_INET;
+    from.sin_port = htons(static_cast<std::uint16_t>(from_port));
     inet_pton(AF_INET, address, &from.sin_addr);
     EXPECT_EQ(bind(fd_, reinterpret_cast<sockaddr*>(&from), sizeof from), 0);
     to_.sin_family = AF_INET;
@@ -120,6 +126,68 @@ std::vector<Bytes> malformed_packets() {
   for (std::size_t length = 0; length < 4; ++length)
     packets.push_back(packet(kTrailer, 7, 3, Bytes(length, '\1')));
   return packets;
+}
+
+/// Returns a camera's answer to the request of this number: the register that was read holds
+/// 0xDEADBEEF.
+Bytes forged_answer(std::uint32_t request) {
+  constexpr std::uint32_t kReadRegisterAnswer = 0x81;
+  return bytes_of({0, 0, 0, kReadRegisterAnswer, 0, 4, request >> 8, request}) + "\xDE\xAD\xBE\xEF";
+}
+
+/// Sends such answers for all requests that there can be, over and over, for as long as it lives.
+class Forger {
+ public:
+  Forger(const char* address, int to_port)
+      : sender_(address, to_port, 3956), thread_([this] {
+          for (std::uint32_t request = 0; !ended_; ++request, ++sent_)
+            sender_.send(forged_answer(request & 0xFFFFU));
+        }) {}
+  ~Forger() {
+    ended_ = true;
+    thread_.join();
+  }
+  Forger(const Forger&) = delete;
+  Forger& operator=(const Forger&) = delete;
+
+  std::int64_t sent() const { return sent_; }
+
+ private:
+  const Sender sender_;
+  std::atomic<bool> ended_{false};
+  std::atomic<std::int64_t> sent_{0};
+  std::thread thread_;
+};
+
+class ForgedAnswers : public ServedCamera {};
+
+// By one of the registers that a start reads the frames' socket is guarded.
+TEST_F(ForgedAnswers, OfOthersAreNotTakenForTheCameras) {
+  if (addresses_ < 2) GTEST_SKIP() << "there is one address";
+  const KnownImages images = known_images(64, 64, kMono16);
+  FakeGigeOptions served;
+  served.frame_rate_hz = 200;
+  const auto server = serve(images, served);
+  const std::vector<UdpSocket> before = udp_sockets();
+  const auto camera = open();
+  std::vector<UdpSocket> fresh = udp_sockets();
+  std::erase_if(fresh, [&](const UdpSocket& socket) {
+    return std::find(before.begin(), before.end(), socket) != before.end();
+  });
+  ASSERT_EQ(fresh.size(), 1U);
+
+  const Forger forger("127.0.0.2", fresh.front().port);
+  for (int start = 0; start < 3; ++start) {
+    FrameExchange exchange(camera->format(), 8);
+    Taker taker(exchange, images);
+    camera->start(exchange);
+    EXPECT_TRUE(taker.take(3)) << camera->failure();
+    camera->stop();
+  }
+  EXPECT_EQ(camera->failure(), "");
+  const std::int64_t sent = forger.sent();
+  EXPECT_GT(sent, 1000);
+  EXPECT_GE(camera->counts().refused_packets, sent);
 }
 
 class ForgedPackets : public ServedCamera {

@@ -147,5 +147,60 @@ TEST(ModeFits, FewLensletsTellFewModesOrNone) {
   EXPECT_FALSE(ModeFit(none).fit(SlopeField(3, 3)));
 }
 
+/// Adds noise with the slopes' own variances to a phase of every mode, again and again, and
+/// compares the scatter of each coefficient with its stated error.
+void expect_stated_errors(const Image<std::uint8_t>& valid, double faded) {
+  constexpr int kFrames = 400;
+  const ModePlan plan(valid, 36);
+  ModeFit fit(plan);
+  std::mt19937 random(19);
+  std::uniform_real_distribution<double> any(0.0, 1.0);
+  std::normal_distribution<double> normal;
+  SlopeField truth(valid.rows(), valid.cols());  // of a plane wave: the fit is linear
+  truth.valid = valid;
+  for (std::size_t k = 0; k < truth.valid.size(); ++k) {
+    if (any(random) < faded) truth.valid[k] = 0;
+    const double x = 0.05 + 0.2 * any(random);
+    const double y = 0.05 + 0.2 * any(random);
+    truth.variance_x[k] = static_cast<float>(x * x);
+    truth.variance_y[k] = static_cast<float>(y * y);
+    truth.covariance_xy[k] = static_cast<float>(0.8 * x * y);
+  }
+  Eigen::ArrayXd square = Eigen::ArrayXd::Zero(plan.modes());
+  for (int i = 0; i < kFrames; ++i) {
+    SlopeField slopes = truth;
+    for (std::size_t k = 0; k < slopes.x.size(); ++k) {
+      const double x = normal(random);
+      const double y = 0.8 * x + 0.6 * normal(random);  // they correlate by .8
+      slopes.x[k] += std::sqrt(slopes.variance_x[k]) * static_cast<float>(x);
+      slopes.y[k] += std::sqrt(slopes.variance_y[k]) * static_cast<float>(y);
+    }
+    ASSERT_TRUE(fit.fit(slopes));
+    const Eigen::ArrayXd errors = fit.find_errors(slopes);
+    square += (fit.coefficients().array() / errors).square() / kFrames;
+  }
+  // χ² of 400 has a standard deviation of .07; of 35 such the outermost lie at about .2.
+  EXPECT_NEAR(square.mean(), 1.0, 0.05);
+  EXPECT_GT(square.minCoeff(), 0.7);
+  EXPECT_LT(square.maxCoeff(), 1.35);
+}
+
+TEST(ModeErrors, AreTheScatterOnADisc) { expect_stated_errors(ring(16, 8.0, 0.0), 0.0); }
+TEST(ModeErrors, AreTheScatterOnAnAnnulus) { expect_stated_errors(ring(20, 10.0, 3.0), 0.0); }
+TEST(ModeErrors, AreTheScatterWhereLensletsFaded) { expect_stated_errors(ring(16, 8.0, 0.0), 0.2); }
+TEST(ModeErrors, AreTheScatterOnASquare) {
+  expect_stated_errors(Image<std::uint8_t>(12, 16, 1), 0.1);
+}
+
+TEST(ModeErrors, AreUnknownWhereTheModesAre) {
+  const Image<std::uint8_t> valid = ring(16, 8.0, 0.0);
+  const ModePlan plan(valid, 36);
+  ModeFit fit(plan);
+  SlopeField slopes = slopes_of(mode(4, plan.pupil()), valid);
+  slopes.valid.fill(0);
+  EXPECT_FALSE(fit.fit(slopes));
+  EXPECT_TRUE(fit.find_errors(slopes).array().isNaN().all());
+}
+
 }  // namespace
 }  // namespace curlew

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "centroiding/centroid.h"
+#include "service/bench/plain_loops.h"
 
 namespace curlew {
 namespace {

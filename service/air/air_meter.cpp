@@ -1,0 +1,106 @@
+#include "service/air/air_meter.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "service/frame_time.h"
+
+namespace curlew {
+namespace {
+
+Image<std::uint8_t> lit_lenslets(const Lattice& lattice) {
+  Image<std::uint8_t> lit(lattice.rows(), lattice.cols());
+  for (std::size_t k = 0; k < lit.size(); ++k)
+    lit[k] = lattice.phase_group_of(static_cast<int>(k)) >= 0 ? 1 : 0;
+  return lit;
+}
+
+FluxNoise flux_noise(const Detector& detector) {
+  const double read_noise_adu = detector.read_noise_e / detector.e_per_adu;
+  return {1.0 / detector.e_per_adu, read_noise_adu * read_noise_adu};
+}
+
+AirFigure scaled(const AirFigure& figure, double by) {
+  return {figure.value * by, figure.error * by};
+}
+
+}  // namespace
+
+std::vector<AirEntry> entries_of(const AirReport& report) {
+  const AirFigures& f = report.figures;
+  std::vector<AirEntry> entries{
+      {"r0_pitches", "Fried's parameter by differences of slopes", f.r0_slopes},
+      {"r0_zernike_pitches", "Fried's parameter by modes Z4 to Z10", f.r0_zernike},
+      {"scintillation_index", "variance of a lenslet's light over its squared mean",
+       f.scintillation},
+      {"wind_x_pitches_per_s", "drift of the slopes' pattern along x", f.wind_x},
+      {"wind_y_pitches_per_s", "drift of the slopes' pattern along y", f.wind_y},
+      {"tau0_s", "coherence time, .314 r0/wind", f.tau0},
+      {"vortex_wind_x_pitches_per_s", "mean velocity of tracked vortices along x", f.vortex_wind_x},
+      {"vortex_wind_y_pitches_per_s", "mean velocity of tracked vortices along y", f.vortex_wind_y},
+      {"vortices_per_lenslet", "vortices a frame and lit lenslet", f.vortex_density}};
+  if (report.pitch_m > 0.0)
+    entries.push_back({"r0_m", "Fried's parameter by differences of slopes, at the lenslets",
+                       scaled(f.r0_slopes, report.pitch_m)});
+  return entries;
+}
+
+std::string air_text(const AirReport& report) {
+  std::string text =
+      fmt::format("air over {} frames, {:.4g} s\n", report.figures.frames, report.figures.seconds);
+  for (const AirEntry& entry : entries_of(report))
+    if (std::isfinite(entry.figure.value))
+      text += fmt::format("{:<28} {:>10.4g} ± {:<8.2g} {}\n", entry.name, entry.figure.value,
+                          entry.figure.error, entry.meaning);
+  return text;
+}
+
+AirMeter::AirMeter(const Plan& plan, const AirOptions& options)
+    : plan_(lit_lenslets(plan.split.lattice()), options),
+      window_(plan_, flux_noise(plan.detector)),
+      window_s_(options.window_s),
+      pitch_m_(plan.optics.pitch_m),
+      vortices_(plan.detect.capacity()) {}
+
+AirSample AirMeter::make_sample() const {
+  return {plan_.lit().rows(), plan_.lit().cols(), vortices_};
+}
+
+void AirMeter::fill(const FrameSlot& slot, AirSample& sample) noexcept {
+  sample.time_s = time_s(slot.frame->header);
+  sample.sequence = slot.frame->header.sequence;
+  sample.slopes = slot.slopes;
+  sample.flux_adu = slot.centroids.flux_adu;
+  sample.state = slot.centroids.state;
+  for (std::size_t k = 0; k < sample.area_px.size(); ++k) {
+    // A Gaussian spot stands in about 4π σ_x σ_y pixels.
+    const float product = slot.centroids.xx_px2[k] * slot.centroids.yy_px2[k];
+    sample.area_px[k] =
+        product > 0.0F ? 4.0F * std::numbers::pi_v<float> * std::sqrt(product) : 0.0F;
+  }
+  sample.vortices.assign(slot.vortices);
+}
+
+std::optional<AirReport> AirMeter::add(const AirSample& sample, std::int64_t frame_index) {
+  std::optional<AirReport> complete;
+  if (begin_s_ && sample.time_s - *begin_s_ >= window_s_) {
+    complete = report();
+    window_.begin_anew();
+    begin_s_.reset();
+  }
+  if (!begin_s_) {
+    begin_s_ = sample.time_s;
+    first_frame_ = frame_index;
+  }
+  last_frame_ = frame_index;
+  window_.add(sample);
+  return complete;
+}
+
+AirReport AirMeter::report() const {
+  return {window_.figures(), pitch_m_, first_frame_, last_frame_};
+}
+
+}  // namespace curlew

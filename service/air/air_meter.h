@@ -1,0 +1,57 @@
+// AirMeter makes the figures of the air from the pipeline's results.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "reconstruct/air/air_figures.h"
+#include "service/stages.h"
+
+namespace curlew {
+
+struct AirReport {
+  AirFigures figures;
+  double pitch_m = 0.0;  ///< 0: not known
+  std::int64_t first_frame = 0;
+  std::int64_t last_frame = 0;
+};
+
+/// One figure as it is shown.
+struct AirEntry {
+  const char* name;  ///< with its unit, as r0_pitches
+  const char* meaning;
+  AirFigure figure;
+};
+std::vector<AirEntry> entries_of(const AirReport& report);
+
+/// Returns a few lines for people; figures that are not known are left out.
+std::string air_text(const AirReport& report);
+
+/// Measures window after window.
+class AirMeter {
+ public:
+  AirMeter(const Plan& plan, const AirOptions& options);
+
+  AirSample make_sample() const;
+  /// Copies what counts of the slot. Never allocates.
+  static void fill(const FrameSlot& slot, AirSample& sample) noexcept;
+
+  /// Returns the report of a window that is complete without this frame, which begins the next.
+  std::optional<AirReport> add(const AirSample& sample, std::int64_t frame_index);
+  /// Returns the report of the window as far as it has come.
+  AirReport report() const;
+
+ private:
+  AirPlan plan_;
+  AirWindow window_;
+  double window_s_;
+  double pitch_m_;
+  std::size_t vortices_;
+  std::optional<double> begin_s_;
+  std::int64_t first_frame_ = 0;
+  std::int64_t last_frame_ = 0;
+};
+
+}  // namespace curlew
