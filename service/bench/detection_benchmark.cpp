@@ -73,10 +73,11 @@ DetectionCellResult run_cell(const MeasurementPlan& plan, const BenchmarkFields&
 
 }  // namespace
 
-std::vector<DetectionCellResult> run_detection_benchmark(const DetectionBenchmarkOptions& options,
-                                                         const RealisationCache& cache,
-                                                         const std::function<void()>& step) {
-  std::vector<DetectionCellResult> cells;
+void for_each_cell(
+    const DetectionBenchmarkOptions& options, const RealisationCache& cache,
+    const std::function<void()>& step,
+    const std::function<void(const MeasurementPlan&, const BenchmarkFields& validation,
+                             const BenchmarkFields& test)>& take) {
   for (const double rytov_variance : options.rytov_variances) {
     FieldParameters field = options.field;
     field.rytov_variance = rytov_variance;
@@ -87,10 +88,20 @@ std::vector<DetectionCellResult> run_detection_benchmark(const DetectionBenchmar
     for (const double photons : options.photons) {
       MeasurementOptions measurement = options.measurement;
       measurement.photons = photons;
-      const MeasurementPlan plan(field, measurement);
-      cells.push_back(run_cell(plan, validation, test, options));
+      take(MeasurementPlan(field, measurement), validation, test);
     }
   }
+}
+
+std::vector<DetectionCellResult> run_detection_benchmark(const DetectionBenchmarkOptions& options,
+                                                         const RealisationCache& cache,
+                                                         const std::function<void()>& step) {
+  std::vector<DetectionCellResult> cells;
+  for_each_cell(options, cache, step,
+                [&](const MeasurementPlan& plan, const BenchmarkFields& validation,
+                    const BenchmarkFields& test) {
+                  cells.push_back(run_cell(plan, validation, test, options));
+                });
   return cells;
 }
 

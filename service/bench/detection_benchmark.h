@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "service/bench/benchmark_fields.h"
 #include "service/bench/detection_dataset.h"
 #include "service/bench/detection_measurement.h"
 #include "service/bench/detection_score.h"
@@ -43,8 +44,16 @@ struct DetectionCellResult {
   std::vector<DetectionRowResult> rows;
 };
 
-/// step is called whenever a realisation was made or read, and may throw to end the run. Threads
-/// take realisations in turn; the results do not depend on the number of threads.
+/// Gives each cell of the options, one variance and one light level, with its subsets. step is
+/// called whenever a realisation was made or read, and may throw to end the run.
+void for_each_cell(
+    const DetectionBenchmarkOptions& options, const RealisationCache& cache,
+    const std::function<void()>& step,
+    const std::function<void(const MeasurementPlan&, const BenchmarkFields& validation,
+                             const BenchmarkFields& test)>& take);
+
+/// step: see for_each_cell(). Threads take realisations in turn; the results do not depend on the
+/// number of threads.
 std::vector<DetectionCellResult> run_detection_benchmark(const DetectionBenchmarkOptions& options,
                                                          const RealisationCache& cache,
                                                          const std::function<void()>& step);

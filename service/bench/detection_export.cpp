@@ -165,27 +165,21 @@ void export_detection_benchmark(const DetectionBenchmarkOptions& options,
   write_text(root / "README.md", kExportedReadme);
   write_text(root / "score.py", kExportedScorer);
   std::string cells = "cell,rytov_variance,photons,rows,cols,window_px,validation,test\n";
-  for (const double rytov_variance : options.rytov_variances) {
-    FieldParameters field = options.field;
-    field.rytov_variance = rytov_variance;
-    const BenchmarkFields validation = load_fields(
-        field, Subset::kValidation, options.validation_realisations, options.threads, cache, step);
-    const BenchmarkFields test =
-        load_fields(field, Subset::kTest, options.test_realisations, options.threads, cache, step);
-    for (const double photons : options.photons) {
-      MeasurementOptions measurement = options.measurement;
-      measurement.photons = photons;
-      const MeasurementPlan plan(field, measurement);
-      const double stated = std::isfinite(photons) ? photons : 0.0;
-      const std::string cell = fmt::format("rytov{}_photons{}", rytov_variance, stated);
-      write_reference(root / cell, field, measurement);
-      export_subset(root, cell, plan, validation);
-      export_subset(root, cell, plan, test);
-      cells += fmt::format("{},{},{},{},{},{},{},{}\n", cell, rytov_variance, stated, field.rows,
-                           field.cols, field.window_px, options.validation_realisations,
-                           options.test_realisations);
-    }
-  }
+  for_each_cell(options, cache, step,
+                [&](const MeasurementPlan& plan, const BenchmarkFields& validation,
+                    const BenchmarkFields& test) {
+                  const FieldParameters& field = plan.parameters();
+                  const double photons = plan.options().photons;
+                  const double stated = std::isfinite(photons) ? photons : 0.0;
+                  const std::string cell =
+                      fmt::format("rytov{}_photons{}", field.rytov_variance, stated);
+                  write_reference(root / cell, field, plan.options());
+                  export_subset(root, cell, plan, validation);
+                  export_subset(root, cell, plan, test);
+                  cells += fmt::format("{},{},{},{},{},{},{},{}\n", cell, field.rytov_variance,
+                                       stated, field.rows, field.cols, field.window_px,
+                                       options.validation_realisations, options.test_realisations);
+                });
   write_text(root / "cells.csv", cells);
 }
 

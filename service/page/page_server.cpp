@@ -28,9 +28,9 @@ const char* const kHeaders =
 
 /// Reads the token; nothing where there is no file.
 std::string read_token(const std::string& path) {
-  if (path.empty()) return {};
-  std::ifstream file(path);
   std::string token;
+  if (path.empty()) return token;
+  std::ifstream file(path);
   file >> token;
   const bool plain =
       std::ranges::all_of(token, [](unsigned char c) { return std::isalnum(c) != 0; });

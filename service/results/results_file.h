@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "acquisition/fits/fits_file.h"
+#include "service/results/memory_table.h"
 #include "service/results/mode_results.h"
 #include "service/results/row_table.h"
 #include "service/results/track_summary.h"
