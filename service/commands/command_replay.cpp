@@ -374,8 +374,8 @@ void add_replay(CLI::App& app) {
   command
       ->add_option(
           "--save", options->save,
-          "images to put into --out: slopes,flux,phase,whole_phase,solenoidal,circulation,zernike,"
-          "frame")
+          "images to put into --out, with commas between them: slopes, flux, phase, whole_phase, "
+          "solenoidal, circulation, zernike, frame")
       ->delimiter(',');
   command->add_option("--jsonl", options->jsonl,
                       "file to write with one JSON object a frame; - for standard output");
