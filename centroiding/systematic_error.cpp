@@ -62,7 +62,7 @@ void add_systematic_error(const SlopePlan& plan, const Centroids& centroids, flo
   float* __restrict covariance = slopes.covariance_xy.data();
   const auto larger = [](float a, float b) { return a < b ? b : a; };
   for (std::size_t k = 0; k < n; ++k) {
-    const float has_spot = (valid[k] != 0) & (flux[k] > 0.0F) ? 1.0F : 0.0F;
+    const float has_spot = ((valid[k] != 0) & (flux[k] > 0.0F)) ? 1.0F : 0.0F;
     const float broader_x = larger(width_x[k] - reference, 0.0F);
     const float broader_y = larger(width_y[k] - reference, 0.0F);
     const float x = has_spot * gain_x[k] * gain_x[k] * (of_all + of_broadening * broader_x);

@@ -6,7 +6,6 @@ namespace curlew {
 namespace {
 
 constexpr int kPairs = TileShape::kBorder * (TileShape::kBorder - 1) / 2;
-constexpr std::int32_t kLanes = NetworkFactor::kLanes;
 
 std::int32_t size_of(const auto& list) { return static_cast<std::int32_t>(list.size()); }
 

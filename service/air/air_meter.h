@@ -13,7 +13,8 @@ namespace curlew {
 
 struct AirReport {
   AirFigures figures;
-  double pitch_m = 0.0;  ///< 0: not known
+  std::string without_r0;  ///< why r0 and the coherence time are not told; empty: they are
+  double pitch_m = 0.0;    ///< 0: not known
   std::int64_t first_frame = 0;
   std::int64_t last_frame = 0;
 };
@@ -25,6 +26,11 @@ struct AirEntry {
   AirFigure figure;
 };
 std::vector<AirEntry> entries_of(const AirReport& report);
+
+/// Returns why slopes do not tell r0 where light scintillates like this; empty if they do. Each
+/// vortex and each dark lenslet adds slopes that are not those of the phase, and diffraction on a
+/// path of unknown length takes some away. fresnel_pitches: see AirOptions; 0: the air is near.
+std::string doubt_of_r0(const AirFigure& scintillation, double fresnel_pitches);
 
 /// Returns a few lines for people; figures that are not known are left out.
 std::string air_text(const AirReport& report);
@@ -47,6 +53,7 @@ class AirMeter {
   AirPlan plan_;
   AirWindow window_;
   double window_s_;
+  double fresnel_pitches_;
   double pitch_m_;
   std::size_t vortices_;
   std::optional<double> begin_s_;
