@@ -181,6 +181,32 @@ void bench_detect(DetectOptionsOfBench options) {
     fmt::print("{:<22} {}\n", row.name, row.method);
 }
 
+void add_centroid_options(CLI::App& detect, MeasurementOptions& measurement) {
+  detect
+      .add_option("--centroid", measurement.method,
+                  "centroid method: thresholded (default), plain, weighted, correlation, "
+                  "brightest_pixels or maximum_likelihood")
+      ->transform(CLI::CheckedTransformer(centroid_methods()));
+  detect
+      .add_option("--threshold-noise", measurement.threshold_noise,
+                  "threshold of all centroids but plain, in read noises")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect
+      .add_option("--spot-sigma", measurement.spot_sigma_px,
+                  "sigma of the Gaussian that weighted, correlation and maximum_likelihood use, "
+                  "px; 0: that of the diffraction limit")
+      ->capture_default_str();
+  detect
+      .add_option("--reference-pull", measurement.reference_pull,
+                  "light that pulls the weighted centroid to the reference, in read noises")
+      ->capture_default_str();
+  detect
+      .add_option("--brightest-pixels", measurement.brightest_pixels,
+                  "how many pixels the centroid brightest_pixels uses; 0: chosen")
+      ->capture_default_str();
+}
+
 }  // namespace
 
 void add_bench_detect(CLI::App& bench) {
@@ -211,29 +237,7 @@ void add_bench_detect(CLI::App& bench) {
       ->capture_default_str();
   detect->add_option("--sampling", benchmark.field.samples_per_lambda_w, "pixels per λ/w")
       ->capture_default_str();
-  detect
-      ->add_option("--centroid", benchmark.measurement.method,
-                   "centroid method: thresholded (default), plain, weighted, correlation, "
-                   "brightest_pixels or maximum_likelihood")
-      ->transform(CLI::CheckedTransformer(centroid_methods()));
-  detect
-      ->add_option("--threshold-noise", benchmark.measurement.threshold_noise,
-                   "threshold of all centroids but plain, in read noises")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  detect
-      ->add_option("--spot-sigma", benchmark.measurement.spot_sigma_px,
-                   "sigma of the Gaussian that weighted, correlation and maximum_likelihood use, "
-                   "px; 0: that of the diffraction limit")
-      ->capture_default_str();
-  detect
-      ->add_option("--reference-pull", benchmark.measurement.reference_pull,
-                   "light that pulls the weighted centroid to the reference, in read noises")
-      ->capture_default_str();
-  detect
-      ->add_option("--brightest-pixels", benchmark.measurement.brightest_pixels,
-                   "how many pixels the centroid brightest_pixels uses; 0: chosen")
-      ->capture_default_str();
+  add_centroid_options(*detect, benchmark.measurement);
   detect->add_option("--export", options->export_folder,
                      "measure nothing, but write frames, truth and a scorer into this new folder");
   add_pupil_option(*detect, benchmark.measurement.pupil);

@@ -289,12 +289,90 @@ void add_turbulence(CLI::App& command, TurbulenceOptions& path) {
       ->group(group);
 }
 
+void add_sensor_options(CLI::App& command, SimulatorOptions& simulator) {
+  command.add_option("--rows", simulator.rows, "lenslet rows")->capture_default_str();
+  command.add_option("--cols", simulator.cols, "lenslet columns")->capture_default_str();
+  command.add_option("--window", simulator.window_px, "pixels per lenslet side")
+      ->capture_default_str();
+  command.add_option("--sampling", simulator.samples_per_lambda_w, "pixels per λ/w in the focus")
+      ->capture_default_str();
+  add_pupil_option(command, simulator.pupil);
+  command
+      .add_option("--obscuration", simulator.obscuration,
+                  "obscured part of the obscured pupil's diameter")
+      ->capture_default_str();
+  command
+      .add_option("--stray", simulator.stray_light,
+                  "what becomes of light beyond its window: cropped (default) or neighbours")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, StrayLight>{
+          {"cropped", StrayLight::kCropped}, {"neighbours", StrayLight::kNeighbours}}));
+  command
+      .add_option("--photons", simulator.photons, "mean electrons of a lit lenslet; 0: no noise")
+      ->capture_default_str();
+  command.add_option("--background", simulator.background_e, "background, electrons a pixel")
+      ->capture_default_str();
+  command.add_option("--read-noise", simulator.read_noise_e, "read noise, electrons rms")
+      ->capture_default_str();
+  command.add_option("--e-per-adu", simulator.e_per_adu, "detector gain, electrons per ADU")
+      ->capture_default_str();
+  command.add_option("--bias", simulator.bias_adu, "ADU added to every pixel")
+      ->capture_default_str();
+  command
+      .add_option("--saturation", simulator.saturation_adu,
+                  "ADU at which a pixel saturates; 0: where the bits end")
+      ->capture_default_str();
+  command.add_option("--bits", simulator.bit_depth, "bits of the converter: 8, or 10 to 16")
+      ->capture_default_str();
+}
+
+void add_scene_options(CLI::App& command, SimulateOptions& options) {
+  SimulatorOptions& simulator = options.simulator;
+  PresetParameters& parameters = options.parameters;
+  command.add_option("--vortex", options.vortices,
+                     "vortex X,Y,CHARGE[,ALPHA_DEG,BETA_DEG] in lenslet units, repeatable");
+  command.add_option("--zernike", options.zernikes, "Zernike mode NOLL:RMS_RAD, repeatable");
+  command.add_option("--tilt", options.tilt, "tilt SX,SY in rad per pitch")
+      ->delimiter(',')
+      ->expected(2);
+  command.add_option("--at", options.at, "place X,Y of the dipole's positive vortex")
+      ->delimiter(',')
+      ->expected(2);
+  command.add_option("--separation", parameters.separation, "separation of the dipole, pitches")
+      ->capture_default_str();
+  command.add_option("--field", parameters.field_file, "complex field [2, ny, nx] to read (FITS)");
+  command.add_option("--field-out", options.field_out,
+                     "file for the first frame's field at the lenslets, as --field reads it");
+  command.add_option("--fields-out", options.fields_out,
+                     "file for the fields of all frames, [frames, 2, ny, nx]");
+  command
+      .add_option("--frame-rate", options.frame_rate_hz, "frames a second, by the camera's clock")
+      ->check(CLI::Range(1e-3, 1e9))
+      ->capture_default_str();
+  command.add_option("--dark", options.dark,
+                     "a second recording, of the same camera without any light");
+  command.add_option("--dark-frames", options.dark_frames, "number of frames of --dark")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  command
+      .add_option("--amplitude", simulator.scene.vortex_amplitude,
+                  "amplitude round a vortex: uniform (default, as the paper) or linear")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, VortexAmplitude>{
+          {"uniform", VortexAmplitude::kUniform}, {"linear", VortexAmplitude::kLinearCore}}));
+  command
+      .add_option("--core-radius", simulator.scene.core_radius,
+                  "radius at which a linear amplitude reaches 1, pitches")
+      ->capture_default_str();
+  command
+      .add_option("--velocity", options.velocity, "velocity VX,VY of the vortices, pitches a frame")
+      ->delimiter(',')
+      ->expected(2);
+}
+
 }  // namespace
 
 void add_simulate(CLI::App& app) {
   auto options = std::make_shared<SimulateOptions>();
   SimulatorOptions& simulator = options->simulator;
-  PresetParameters& parameters = options->parameters;
   CLI::App* command =
       app.add_subcommand("simulate", "Write physical-optics frames with their truth");
   std::string presets;
@@ -306,78 +384,8 @@ void add_simulate(CLI::App& app) {
   command->add_option("--frames", simulator.frames, "number of frames")->capture_default_str();
   command->add_option("--seed", simulator.seed, "seed of noise and turbulence")
       ->capture_default_str();
-  command->add_option("--rows", simulator.rows, "lenslet rows")->capture_default_str();
-  command->add_option("--cols", simulator.cols, "lenslet columns")->capture_default_str();
-  command->add_option("--window", simulator.window_px, "pixels per lenslet side")
-      ->capture_default_str();
-  command->add_option("--sampling", simulator.samples_per_lambda_w, "pixels per λ/w in the focus")
-      ->capture_default_str();
-  add_pupil_option(*command, simulator.pupil);
-  command
-      ->add_option("--obscuration", simulator.obscuration,
-                   "obscured part of the obscured pupil's diameter")
-      ->capture_default_str();
-  command
-      ->add_option("--stray", simulator.stray_light,
-                   "what becomes of light beyond its window: cropped (default) or neighbours")
-      ->transform(CLI::CheckedTransformer(std::map<std::string, StrayLight>{
-          {"cropped", StrayLight::kCropped}, {"neighbours", StrayLight::kNeighbours}}));
-  command
-      ->add_option("--photons", simulator.photons, "mean electrons of a lit lenslet; 0: no noise")
-      ->capture_default_str();
-  command->add_option("--background", simulator.background_e, "background, electrons a pixel")
-      ->capture_default_str();
-  command->add_option("--read-noise", simulator.read_noise_e, "read noise, electrons rms")
-      ->capture_default_str();
-  command->add_option("--e-per-adu", simulator.e_per_adu, "detector gain, electrons per ADU")
-      ->capture_default_str();
-  command->add_option("--bias", simulator.bias_adu, "ADU added to every pixel")
-      ->capture_default_str();
-  command
-      ->add_option("--saturation", simulator.saturation_adu,
-                   "ADU at which a pixel saturates; 0: where the bits end")
-      ->capture_default_str();
-  command->add_option("--bits", simulator.bit_depth, "bits of the converter: 8, or 10 to 16")
-      ->capture_default_str();
-  command->add_option("--vortex", options->vortices,
-                      "vortex X,Y,CHARGE[,ALPHA_DEG,BETA_DEG] in lenslet units, repeatable");
-  command->add_option("--zernike", options->zernikes, "Zernike mode NOLL:RMS_RAD, repeatable");
-  command->add_option("--tilt", options->tilt, "tilt SX,SY in rad per pitch")
-      ->delimiter(',')
-      ->expected(2);
-  command->add_option("--at", options->at, "place X,Y of the dipole's positive vortex")
-      ->delimiter(',')
-      ->expected(2);
-  command->add_option("--separation", parameters.separation, "separation of the dipole, pitches")
-      ->capture_default_str();
-  command->add_option("--field", parameters.field_file, "complex field [2, ny, nx] to read (FITS)");
-  command->add_option("--field-out", options->field_out,
-                      "file for the first frame's field at the lenslets, as --field reads it");
-  command->add_option("--fields-out", options->fields_out,
-                      "file for the fields of all frames, [frames, 2, ny, nx]");
-  command
-      ->add_option("--frame-rate", options->frame_rate_hz, "frames a second, by the camera's clock")
-      ->check(CLI::Range(1e-3, 1e9))
-      ->capture_default_str();
-  command->add_option("--dark", options->dark,
-                      "a second recording, of the same camera without any light");
-  command->add_option("--dark-frames", options->dark_frames, "number of frames of --dark")
-      ->check(CLI::Range(1, 100000))
-      ->capture_default_str();
-  command
-      ->add_option("--amplitude", simulator.scene.vortex_amplitude,
-                   "amplitude round a vortex: uniform (default, as the paper) or linear")
-      ->transform(CLI::CheckedTransformer(std::map<std::string, VortexAmplitude>{
-          {"uniform", VortexAmplitude::kUniform}, {"linear", VortexAmplitude::kLinearCore}}));
-  command
-      ->add_option("--core-radius", simulator.scene.core_radius,
-                   "radius at which a linear amplitude reaches 1, pitches")
-      ->capture_default_str();
-  command
-      ->add_option("--velocity", options->velocity,
-                   "velocity VX,VY of the vortices, pitches a frame")
-      ->delimiter(',')
-      ->expected(2);
+  add_sensor_options(*command, simulator);
+  add_scene_options(*command, *options);
   add_turbulence(*command, options->turbulence);
   command->callback([options, command] {
     options->words = {"curlew simulate with:"};

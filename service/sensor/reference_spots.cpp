@@ -34,6 +34,17 @@ struct Sums {
   std::array<int, kLensletStates> states{};
 };
 
+void add_to(std::vector<Sums>& sums, const Centroids& centroids) {
+  for (std::size_t k = 0; k < sums.size(); ++k) {
+    ++sums[k].states[static_cast<std::size_t>(centroids.state[k])];
+    if (centroids.state[k] != LensletState::kValid) continue;
+    sums[k].x += static_cast<double>(centroids.x_px[k]);
+    sums[k].y += static_cast<double>(centroids.y_px[k]);
+    sums[k].flux += static_cast<double>(centroids.flux_adu[k]);
+    sums[k].variance_px2 += 0.5 * static_cast<double>(centroids.xx_px2[k] + centroids.yy_px2[k]);
+  }
+}
+
 }  // namespace
 
 ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptions& options,
@@ -57,14 +68,7 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
                    options.follow_level ? FrameConditions{&levels, &sharp} : FrameConditions{});
     ++frames;
     progress.step();
-    for (std::size_t k = 0; k < sums.size(); ++k) {
-      ++sums[k].states[static_cast<std::size_t>(centroids.state[k])];
-      if (centroids.state[k] != LensletState::kValid) continue;
-      sums[k].x += static_cast<double>(centroids.x_px[k]);
-      sums[k].y += static_cast<double>(centroids.y_px[k]);
-      sums[k].flux += static_cast<double>(centroids.flux_adu[k]);
-      sums[k].variance_px2 += 0.5 * static_cast<double>(centroids.xx_px2[k] + centroids.yy_px2[k]);
-    }
+    add_to(sums, centroids);
   }
 
   if (interrupted()) throw Failure("interrupted, no sensor file was written");
