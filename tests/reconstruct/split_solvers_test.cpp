@@ -159,7 +159,9 @@ TEST(SplitSolvers, AreExactAtEverySizeAndFade) {
     Fit fit(pupil);
     Mask one = pupil;
     one(pupil.rows() / 3, pupil.cols() / 4) = 0;
-    const auto left = [&](double part) { return knock_out(pupil, part, random); };
+    const auto left = [&random, &pupil = pupil](double part) {
+      return knock_out(pupil, part, random);
+    };
     const std::vector<std::pair<std::string, Mask>> frames = {
         {"none", pupil},
         {"one", one},

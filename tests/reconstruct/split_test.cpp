@@ -54,7 +54,8 @@ Eigen::VectorXd dense_curl_free(const SlopeField& slopes, bool weighted) {
   Eigen::VectorXd s(2 * m);
   Eigen::VectorXd root_weight(2 * m);
   for (Eigen::Index i = 0; i < m; ++i) {
-    const auto [r, c] = lenslets[static_cast<std::size_t>(i)];
+    const int r = lenslets[static_cast<std::size_t>(i)].first;
+    const int c = lenslets[static_cast<std::size_t>(i)].second;
     const auto node = [&](int dr, int dc) { return (r + dr) * (cols + 1) + c + dc; };
     for (const int d : {0, 1}) {
       gamma(2 * i, node(d, 1)) += 0.5;
