@@ -17,6 +17,11 @@ double sinc(double x) { return std::abs(x) < 1e-8 ? 1.0 : std::sin(kPi * x) / (k
 /// Mean gradient over a lenslet: what a wave exp(2πi f·r) loses of its gradient.
 double lenslet_filter(double fx, double fy) { return sinc(fx) * sinc(fy); }
 
+/// Returns how many steps of ln f lie between exp(lowest) and highest.
+int steps_to(double highest, double lowest, double step) {
+  return static_cast<int>(std::ceil((std::log(highest) - lowest) / step));
+}
+
 }  // namespace
 
 AirPlan::AirPlan(const Image<std::uint8_t>& lit, const AirOptions& options)
@@ -43,8 +48,10 @@ void AirPlan::find_pair_variance() {
   constexpr int kAngles = 96;
   constexpr double kStep = 0.01;  // of ln f
   constexpr double kHighest = 10.0;
-  for (double log_f = std::log(1e-3 / separation_); log_f < std::log(kHighest); log_f += kStep) {
-    const double f = std::exp(log_f);
+  const double lowest = std::log(1e-3 / separation_);
+  const int steps = steps_to(kHighest, lowest, kStep);
+  for (int step = 0; step < steps; ++step) {
+    const double f = std::exp(lowest + step * kStep);
     double sum = 0.0;
     for (int i = 0; i < kAngles; ++i) {
       const double angle = 0.5 * kPi * (i + 0.5) / kAngles;
@@ -71,9 +78,10 @@ void AirPlan::find_mode_variance() {
   constexpr double kGolden = 0.6180339887498949;
   double turn = 0.0;  // each frequency has angles of its own, so that none is left out by all
   Eigen::VectorXcd sum(count);
-  for (double log_f = std::log(0.02 / modes_.pupil().radius); log_f < std::log(kHighest);
-       log_f += kStep) {
-    const double f = std::exp(log_f);
+  const double lowest = std::log(0.02 / modes_.pupil().radius);
+  const int steps = steps_to(kHighest, lowest, kStep);
+  for (int step = 0; step < steps; ++step) {
+    const double f = std::exp(lowest + step * kStep);
     turn = std::fmod(turn + kGolden, 1.0);
     for (int i = 0; i < kAngles; ++i) {
       const double angle = kPi * (i + turn) / kAngles;  // −f has the same power
@@ -82,7 +90,8 @@ void AirPlan::find_mode_variance() {
       sum.setZero();
       for (std::size_t k = 0; k < response.lenslets.size(); ++k) {
         const auto index = static_cast<int>(response.lenslets[k]);
-        const double phase = 2.0 * kPi * (fx * (index % lit_.cols()) + fy * (index / lit_.cols()));
+        const int row = index / lit_.cols(), col = index % lit_.cols();
+        const double phase = 2.0 * kPi * (fx * col + fy * row);
         const std::complex<double> wave(std::cos(phase), std::sin(phase));
         const auto column = static_cast<Eigen::Index>(k);
         sum +=

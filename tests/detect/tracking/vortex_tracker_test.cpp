@@ -111,8 +111,10 @@ TEST(VortexTracker, StatesItsErrors) {
         const double renewed = options.own_velocity * std::sqrt(1.0 - stays * stays);
         vx = 0.1 + stays * (vx - 0.1) + renewed * random.gaussian();
         vy = stays * vy + renewed * random.gaussian();
-        candidates.push_back(candidate(x + kErrorRms * random.gaussian(),
-                                       y + kErrorRms * random.gaussian(), 1, 0.95));
+        // Compilers differ in which argument they make first.
+        const double measured_y = y + kErrorRms * random.gaussian();
+        const double measured_x = x + kErrorRms * random.gaussian();
+        candidates.push_back(candidate(measured_x, measured_y, 1, 0.95));
       }
       const VortexList list = update(tracker, f, candidates);
       if (f < 40) continue;
