@@ -21,8 +21,10 @@ namespace {
 constexpr std::uint64_t kSeed = 7801;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 constexpr int kFramesToCompare = 3;
+constexpr int kMayDiffer = 2;  // vortices
 #else
 constexpr int kFramesToCompare = 12;
+constexpr int kMayDiffer = 1;
 #endif
 
 /// Returns the benchmark's turbulence with the simulator's own noise.
@@ -91,7 +93,7 @@ TEST(VortexDetection, FollowingTheSpotsCostsNoVortices) {
     const Counts following = count(method, kFramesToCompare, true);
     SCOPED_TRACE("seed " + std::to_string(kSeed) + ", method " +
                  std::to_string(static_cast<int>(method)));
-    EXPECT_GE(following.hits, still.hits - still.hits / 20 - 1) << "of " << still.required;
+    EXPECT_GE(following.hits, still.hits - still.hits / 20 - kMayDiffer) << "of " << still.required;
     EXPECT_LE(following.false_alarms, still.false_alarms + 2 + still.hits / 20);
   }
 }
