@@ -59,7 +59,7 @@ std::vector<float> circulation_plane(const FrameSlot& slot) {
 template <typename Pixel>
 std::vector<float> adu_of(const FrameSlot& slot) {
   const FrameFormat& format = slot.frame->format();
-  const Pixel* pixels = slot.frame->view().data<Pixel>();
+  const auto* pixels = slot.frame->view().data<Pixel>();
   std::vector<float> plane(format.pixels());
   std::transform(pixels, pixels + plane.size(), plane.begin(), [&](Pixel count) {
     return static_cast<float>(format.zero_adu + format.scale_adu * count);

@@ -184,6 +184,7 @@ class Join {
 MergeReport merge_shards(const std::vector<std::string>& paths, const std::string& out) {
   if (paths.empty()) throw UsageError("no shard to merge was named");
   std::vector<Shard> shards;
+  shards.reserve(paths.size());
   for (const std::string& path : paths) shards.push_back(open_shard(path));
   std::sort(shards.begin(), shards.end(), [](const Shard& a, const Shard& b) {
     return std::pair(a.record.shard, a.path) < std::pair(b.record.shard, b.path);
