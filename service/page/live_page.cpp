@@ -26,14 +26,14 @@ void LivePage::know(std::shared_ptr<const Plan> plan) {
 }
 
 std::string LivePage::status() {
-  return R"({"mode":"live","settings":)" + nlohmann::json(settings_).dump() +
-         ",\"status\":" + status_of_() + "}";
+  return R"({"mode":"live","settings":)" + nlohmann::json(settings_).dump() + R"(,"status":)" +
+         status_of_() + "}";
 }
 
-PageMessage LivePage::sensor(std::int64_t number) {
+PageMessage LivePage::sensor(std::int64_t plan) {
   const std::lock_guard lock(mutex_);
-  for (const auto& plan : plans_)
-    if (plan->number() == number) return plan->description();
+  for (const auto& known : plans_)
+    if (known->number() == plan) return known->description();
   return nullptr;
 }
 
@@ -51,9 +51,9 @@ void LivePage::look() {
     asked_ = false;
     const auto plan = plan_of(copy->plan);
     if (!plan) return;
-    newest_ = plan->frame(*copy, ",\"number\":" + std::to_string(++newest_number_) +
-                                     ",\"status\":" + status_of_() +
-                                     ",\"latency\":" + latency_summary(tap_.latencies()).dump());
+    newest_ = plan->frame(*copy, R"(,"number":)" + std::to_string(++newest_number_) +
+                                     R"(,"status":)" + status_of_() + R"(,"latency":)" +
+                                     latency_summary(tap_.latencies()).dump());
     shown_ = Clock::now();
   } else if (Clock::now() - shown_ >= kBetweenFrames) {
     tap_.ask();

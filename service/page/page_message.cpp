@@ -43,7 +43,7 @@ class Arrays {
 
   /// json: an object without its closing brace.
   PageMessage message(std::string json) const {
-    json += ",\"arrays\":" + list_.dump() + "}";
+    json += R"(,"arrays":)" + list_.dump() + "}";
     pad(json, ' ');
     const auto length = static_cast<std::uint32_t>(json.size());
     std::string all(kUnit, '\0');
@@ -165,13 +165,12 @@ PageMessage PagePlan::description() const {
 }
 
 PageMessage PagePlan::frame(const FrameCopy& copy, const std::string& tail) {
-  std::string json = "{\"kind\":\"frame\",\"plan\":" + std::to_string(number_) + ",\"result\":";
+  std::string json = R"({"kind":"frame","plan":)" + std::to_string(number_) + R"(,"result":)";
   append_json_line(copy.result, json);
   json.pop_back();  // the line feed
-  json += ",\"scale_adu\":" + Json(copy.format.scale_adu).dump() +
-          ",\"zero_adu\":" + Json(copy.format.zero_adu).dump() +
-          ",\"figures\":" + figures_of(copy).dump() +
-          ",\"zernike\":" + zernike_of(modes_, fit_, copy.slopes).dump() + tail;
+  json += R"(,"scale_adu":)" + Json(copy.format.scale_adu).dump() + R"(,"zero_adu":)" +
+          Json(copy.format.zero_adu).dump() + R"(,"figures":)" + figures_of(copy).dump() +
+          R"(,"zernike":)" + zernike_of(modes_, fit_, copy.slopes).dump() + tail;
   Arrays arrays;
   const FrameFormat& format = copy.format;
   arrays.add("pixels", format.pixel_type == PixelType::kU8 ? "u8" : "u16", format.rows, format.cols,

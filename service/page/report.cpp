@@ -73,20 +73,19 @@ void replace(std::string& text, std::string_view from, const std::string& to) {
 /// Returns the page with its style, its program and the given data inside.
 std::string page_with(const std::string& data) {
   std::string html(file_of("index.html"));
-  replace(html, "<meta charset=\"utf-8\">",
-          "<meta charset=\"utf-8\">\n<meta http-equiv=\"Content-Security-Policy\" "
-          "content=\"default-src "
-          "'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:\">");
-  replace(html, "<link rel=\"icon\" href=\"icon.svg\">\n", "");
-  replace(html, "<link rel=\"stylesheet\" href=\"page.css\">",
-          "<style>\n" + std::string(file_of("page.css")) + "</style>");
-  replace(html, "<script type=\"module\" src=\"page.js\"></script>\n", "");
-  replace(html, "</body>", data + "<script type=\"module\">\n" + bundle() + "</script>\n</body>");
+  replace(html, R"(<meta charset="utf-8">)", R"(<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline';
+ style-src 'unsafe-inline'; img-src data: blob:">)");
+  replace(html, R"(<link rel="icon" href="icon.svg">)", "");
+  replace(html, R"(<link rel="stylesheet" href="page.css">)",
+          "<style>" + std::string(file_of("page.css")) + "</style>");
+  replace(html, R"(<script type="module" src="page.js"></script>)", "");
+  replace(html, "</body>", data + R"(<script type="module">)" + bundle() + "</script></body>");
   return html;
 }
 
 std::string data_script(const std::string& attribute, const std::string& text) {
-  return "<script type=\"text/plain\" " + attribute + ">" + text + "</script>\n";
+  return R"(<script type="text/plain" )" + attribute + ">" + text + "</script>\n";
 }
 
 /// Returns every nth frame as text, where n is the smallest power of two by which they fit.
@@ -111,8 +110,8 @@ void write_report(const std::string& path, FrameStore& store) {
   auto status = nlohmann::ordered_json::parse(store.status());
   status["frames"] = texts.size();
   status["every"] = status["every"].get<std::int64_t>() * every;
-  std::string data = data_script("id=\"report-status\"", status.dump()) +
-                     data_script("id=\"report-sensor\"", base64(packed(*store.sensor(1))));
+  std::string data = data_script(R"(id="report-status")", status.dump()) +
+                     data_script(R"(id="report-sensor")", base64(packed(*store.sensor(1))));
   for (const std::string& text : texts) data += data_script("data-frame", text);
   const std::string html = page_with(data);
   const std::string target = replaceable_target(path);

@@ -123,7 +123,7 @@ told() { grep -qE -- "^ *$2( |$)" "/tmp/$1.text" || fail "$1 does not tell of $2
 subcommands() { curlew "$@" --help | sed -n '/^Subcommands:/,$ s/^  \([a-z-]*\) .*/\1/p'; }
 tell_of_command() {
   told curlew.1 "curlew $*"
-  for option in $(curlew "$@" --help | sed -n 's/^  \(--[a-z-]*\).*/\1/p'); do
+  for option in $(curlew "$@" --help | sed -n 's/^  \(--[a-z0-9-]*\).*/\1/p'); do
     told curlew.1 "$option"
   done
 }
