@@ -11,6 +11,7 @@
 
 #include "centroiding/centroid_methods.h"
 #include "core/error.h"
+#include "core/printable.h"
 #include "service/program/hash.h"
 #include "service/program/version.h"
 #include "service/setting_words.h"
@@ -175,7 +176,7 @@ Config read_config(const std::string& path) {
     table = toml::parse(text, path);
   } catch (const toml::parse_error& error) {
     throw UsageError(path + ":" + std::to_string(error.source().begin.line) + ": " +
-                     std::string(error.description()));
+                     printable(error.description()));
   }
   Config config;
   TomlReader reader(path, table);

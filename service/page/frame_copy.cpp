@@ -50,7 +50,7 @@ bool FrameCopy::copy(const FrameSlot& slot, std::int64_t dropped) noexcept {
   level_adu = noise_adu = 0.0;
   if (slot.levels) {
     const Image<float>& level = slot.levels->level;
-    const double middle = static_cast<double>(level(level.rows() / 2, level.cols() / 2));
+    const auto middle = static_cast<double>(level(level.rows() / 2, level.cols() / 2));
     level_adu = format.scale_adu * middle;
     noise_adu = format.scale_adu * static_cast<double>(slot.levels->noise);
   }
