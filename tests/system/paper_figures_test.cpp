@@ -37,9 +37,9 @@ TEST(PaperFigures, QuickFormPrintsTheValues) {
   GTEST_SKIP() << "minutes of propagation, which tests of the simulator try under sanitizers";
 #endif
   const ScratchDirectory scratch;
-  const std::string command =
-      "/usr/bin/python3 '" CURLEW_SOURCE_DIR "/docs/paper_figures.py' '" CURLEW_PROGRAM "' '" +
-      scratch.path() + "' --quick 2>&1";
+  const std::string command = "/usr/bin/python3 '" CURLEW_SOURCE_DIR
+                              "/docs/paper_figures.py' '" CURLEW_PROGRAM "' '" +
+                              scratch.path() + "' --quick 2>&1";
   FILE* pipe = popen(command.c_str(), "r");
   ASSERT_NE(pipe, nullptr);
   std::string said;
