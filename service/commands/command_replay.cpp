@@ -17,6 +17,7 @@
 #include "service/commands/commands.h"
 #include "service/commands/force_flag.h"
 #include "service/commands/night_merge.h"
+#include "service/commands/page_flag.h"
 #include "service/commands/pipeline_flags.h"
 #include "service/page/frame_store.h"
 #include "service/page/page_server.h"
@@ -381,12 +382,7 @@ void add_replay(CLI::App& app) {
                       "file to write with one JSON object a frame; - for standard output");
   command->add_option("--picture", options->picture,
                       "FRAME:FILE.png: PNG to draw a frame into, with its slopes and vortices");
-  command
-      ->add_option("--page", options->page,
-                   "show the frames as a page in the browser, at ADDRESS:PORT "
-                   "(default 127.0.0.1:8080), until Ctrl-C")
-      ->expected(0, 1)
-      ->default_str("127.0.0.1:8080");
+  add_page_flag(*command, options->page);
   command->add_option(
       "--report", options->report,
       "HTML file to write: the page with its frames, which opens without a network");

@@ -6,6 +6,7 @@
 
 #include "core/error.h"
 #include "service/commands/commands.h"
+#include "service/commands/page_flag.h"
 #include "service/commands/pipeline_flags.h"
 #include "service/daemon/control_socket.h"
 #include "service/daemon/daemon.h"
@@ -91,12 +92,7 @@ void add_run(CLI::App& app) {
   command->add_option(
       "--jsonl", options->jsonl,
       "file to which one JSON object a frame is appended, a pipe, or - for standard output");
-  command
-      ->add_option("--page", options->page,
-                   "show the frames as a page in the browser, at ADDRESS:PORT (default "
-                   "127.0.0.1:8080)")
-      ->expected(0, 1)
-      ->default_str("127.0.0.1:8080");
+  add_page_flag(*command, options->page);
   command->add_flag("--watch", options->watch,
                     "show spots, phase and vortices on this terminal, which needs 24-bit colours");
   options->pipeline.add_to(*command);
