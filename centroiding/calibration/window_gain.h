@@ -49,7 +49,7 @@ struct PictureNoise {
 };
 
 /// Returns the gain of the centre of gravity that the picture itself shows when it is moved by
-/// ±0.5 px under the window, neighbours' light and all. Between pixels it is interpolated after
+/// ±0.39 px under the window, neighbours' light and all. Between pixels it is interpolated after
 /// Lagrange (six points), which takes spots of σ ≥ 0.9 px. `light` is as for measure_window().
 WindowGain gain_of_picture(const Image<float>& light, const Window& window,
                            const SignalThreshold& threshold, const PictureNoise& noise);
