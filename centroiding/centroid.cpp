@@ -46,13 +46,15 @@ class Kernel {
         pixels_(frame.data<Pixel>()),
         conditions_(conditions),
         windows_(windows_of(plan, conditions)),
-        model_(plan, conditions.levels),
+        model_(plan, conditions.levels,
+               conditions.cores ? plan.core_threshold : plan.relative_threshold),
         out_(out) {}
 
   /// Measures lenslet rows [first, last).
   void measure(int first, int last) {
     const WindowStrips* strips = strips_of(plan_, conditions_);
-    if (conditions_.only != nullptr || plan_.relative_threshold > 0.0F || !strips_fit()) {
+    if (conditions_.only != nullptr || conditions_.cores || plan_.relative_threshold > 0.0F ||
+        !strips_fit()) {
       strips = nullptr;
     }
     const int cols = plan_.spots.cols();
@@ -140,7 +142,9 @@ class Kernel {
   /// Measures lenslets [first, last) one by one.
   void measure_each(int first, int last) {
     for (int k = first; k < last; ++k) {
-      if (conditions_.only != nullptr) {
+      if (conditions_.cores) {
+        if (out_.state[static_cast<std::size_t>(k)] == LensletState::kValid) measure_core(k);
+      } else if (conditions_.only != nullptr) {
         if ((*conditions_.only)[static_cast<std::size_t>(k)] != 0) measure_again(k);
       } else {
         measure_one(static_cast<std::size_t>(k));
@@ -153,6 +157,18 @@ class Kernel {
     out_.n_valid -= out_.state[k] == LensletState::kValid ? 1 : 0;
     out_.n_saturated -= out_.state[k] == LensletState::kSaturated ? 1 : 0;
     measure_one(k);
+  }
+
+  void measure_core(int lenslet) {
+    const auto k = static_cast<std::size_t>(lenslet);
+    const float flux_adu = out_.flux_adu[k];
+    if (conditions_.sharp != nullptr && conditions_.sharp->first[k] >= 0) {
+      --out_.n_valid;
+      clear(out_, k, LensletState::kBadPixels);
+    } else {
+      measure_again(lenslet);
+    }
+    out_.flux_adu[k] = flux_adu;
   }
 
   void measure_one(std::size_t k) {
@@ -229,7 +245,8 @@ void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, i
   check_size("find_centroids", "a frame", {frame.rows, frame.cols},
              {plan.frame_rows, plan.frame_cols});
   check_size("find_centroids", "centroids", size_of(centroids.state), size_of(plan.spots));
-  if (first == 0 && conditions.only == nullptr) centroids.n_valid = centroids.n_saturated = 0;
+  if (first == 0 && conditions.only == nullptr && !conditions.cores)
+    centroids.n_valid = centroids.n_saturated = 0;
   HWY_DYNAMIC_DISPATCH(measure)(plan, frame, first, last, conditions, centroids);
   if (!is_centre_of_gravity(plan.method))
     find_positions(plan, frame, first, last, centroids, conditions);
@@ -238,6 +255,13 @@ void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, i
 void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
                     const FrameConditions& conditions) noexcept {
   find_centroids_rows(plan, frame, 0, plan.spots.rows(), centroids, conditions);
+}
+
+void find_core_positions(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
+                         FrameConditions conditions) noexcept {
+  if (!(plan.core_threshold > 0.0F)) return;
+  conditions.cores = true;
+  find_centroids(plan, frame, centroids, conditions);
 }
 
 }  // namespace curlew

@@ -92,6 +92,7 @@ struct CentroidPlan {
 
   float threshold = 0;  ///< T in counts, without the relative threshold
   float relative_threshold = 0;
+  float core_threshold = 0;   ///< Sensor::core_threshold, or 0 where a relative threshold is given
   float saturation = 0;       ///< counts; infinite where it is not known
   float adu_per_count = 1;    ///< FrameFormat::scale_adu
   float counts_per_e = 0;     ///< 0 where the detector's gain is not known; no photon noise then
@@ -122,6 +123,9 @@ struct FrameConditions {
   /// These are the strips of `windows`, if the windows are not the plan's. Where this is null, such
   /// windows are measured one by one.
   const WindowStrips* strips = nullptr;
+  /// Measures the valid spots again, with the plan's core_threshold as the relative threshold.
+  /// Their flux stays as it was measured before.
+  bool cores = false;
 };
 
 /// Returns where the windows are, [rows, cols] of lenslets.
@@ -152,6 +156,13 @@ inline const WindowStrips* strips_of(const CentroidPlan& plan,
 /// The same pixels, plan and conditions always give the same bits.
 void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
                     const FrameConditions& conditions = {}) noexcept;
+
+/// Measures the positions of valid spots again by the light of their cores, where the plan has
+/// cores. The conditions must be those with which the spots were measured, but for the strips. A
+/// spot with a sharp pixel in its window counts as one with bad pixels, since its core is not
+/// known.
+void find_core_positions(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
+                         FrameConditions conditions = {}) noexcept;
 
 /// Measures lenslet rows [first, last) only, for frames that are still arriving. It reads the
 /// frame's first plan.frame_rows_needed(last − 1) rows and no more. The rows must be measured in

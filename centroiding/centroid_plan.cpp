@@ -163,6 +163,8 @@ void set_thresholds(const Sensor& sensor, const CentroidOptions& options, const 
   const bool plain = options.method == CentroidMethod::kPlain;
   plan.threshold = static_cast<float>(fixed);
   plan.relative_threshold = plain ? 0.0F : static_cast<float>(options.threshold_relative);
+  if (is_centre_of_gravity(options.method) && !plain && !(options.threshold_relative > 0.0))
+    plan.core_threshold = static_cast<float>(sensor.core_threshold);
   plan.uniform_offset = static_cast<float>(scale.counts(sensor.background_adu) + fixed);
   plan.saturation = std::isfinite(sensor.detector.saturation_adu)
                         ? static_cast<float>(scale.counts(sensor.detector.saturation_adu))

@@ -54,6 +54,9 @@ struct Sensor {
   /// A reference spot's brightest pixel over the second brightest of its four neighbours; the 90th
   /// percentile of the spots. NaN where it is not known.
   double spot_sharpness = std::numeric_limits<double>::quiet_NaN();
+  /// Where spots have wings that change from frame to frame, their positions are those of the light
+  /// above this part of each spot's brightest pixel. 0 where it is all light above the threshold.
+  double core_threshold = 0.0;
   Image<float> flux_adu;  ///< flux of the reference spots above the threshold; NaN where not valid
 
   // These maps are [frame_rows, frame_cols], and empty where they were not given.

@@ -41,8 +41,9 @@ inline SignalVariance variance_of_signal(const CentroidPlan& plan, float pixel_v
 
 /// What the frame at hand says of its pixels, or else the calibration.
 struct PixelModel {
-  PixelModel(const CentroidPlan& plan, const FrameLevels* levels) noexcept
-      : level(levels != nullptr ? levels->level.data() : nullptr),
+  PixelModel(const CentroidPlan& plan, const FrameLevels* levels, float relative) noexcept
+      : relative_threshold(relative),
+        level(levels != nullptr ? levels->level.data() : nullptr),
         threshold(levels != nullptr ? levels->threshold : plan.threshold),
         pixel_variance(levels != nullptr ? levels->pixel_variance : plan.pixel_variance),
         signal(variance_of_signal(plan, pixel_variance, threshold)) {}
@@ -52,9 +53,10 @@ struct PixelModel {
     return level != nullptr ? level[k] + (threshold - plan.threshold) : 0.0F;
   }
 
-  const float* level;    ///< [lenslets] above the calibration's dark; null: the calibration's
-  float threshold;       ///< T without the relative threshold, counts
-  float pixel_variance;  ///< counts²
+  float relative_threshold;  ///< as a part of the window's brightest pixel; 0 for none
+  const float* level;        ///< [lenslets] above the calibration's dark; null: the calibration's
+  float threshold;           ///< T without the relative threshold, counts
+  float pixel_variance;      ///< counts²
   SignalVariance signal;
 };
 

@@ -284,6 +284,7 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
   }
   judge_.judge(centroids);
   judge_.remember(centroids);
+  find_core_positions(plan, frame, centroids, {&levels, &sharp, &windows_});
   return finish(state);
 }
 

@@ -181,10 +181,10 @@ WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const Centr
   using V = hn::Vec<D>;
   const D d;
   SignalVariance model = pixel_model.signal;
-  if (plan.relative_threshold > 0.0F) {
+  if (pixel_model.relative_threshold > 0.0F) {
     const float fixed = pixel_model.threshold;
     const float peak = fixed + brightest<D, Pixel, kMaps>(plan, pixels, spot, raised);
-    const float higher = std::max(plan.relative_threshold * peak - fixed, 0.0F);
+    const float higher = std::max(pixel_model.relative_threshold * peak - fixed, 0.0F);
     model = variance_of_signal(plan, pixel_model.pixel_variance, fixed + higher);
     raised += higher;
   }

@@ -19,6 +19,7 @@ void centroid(const Plan& plan, FrameSlot& slot) noexcept {
   const FrameView frame = slot.frame->view();
   if (!plan.level || !plan.sharp || !slot.levels || !slot.sharp) {
     find_centroids(plan.centroid, frame, slot.centroids);
+    find_core_positions(plan.centroid, frame, slot.centroids);
   } else if (slot.follower != nullptr) {
     slot.follow_state = slot.follower->measure(plan.centroid, *plan.level, *plan.sharp, frame,
                                                *slot.levels, *slot.sharp, slot.centroids);
@@ -26,7 +27,9 @@ void centroid(const Plan& plan, FrameSlot& slot) noexcept {
     measure_levels(*plan.level, plan.level->pixels(), frame, *slot.levels);
     find_sharp_pixels(*plan.sharp, plan.centroid, plan.centroid.spots, frame, *slot.levels,
                       *slot.sharp);
-    find_centroids(plan.centroid, frame, slot.centroids, {&*slot.levels, &*slot.sharp});
+    const FrameConditions conditions{&*slot.levels, &*slot.sharp};
+    find_centroids(plan.centroid, frame, slot.centroids, conditions);
+    find_core_positions(plan.centroid, frame, slot.centroids, conditions);
   }
   if (slot.centroids.n_saturated > 0) slot.frame->header.status |= kFrameSaturated;
 }

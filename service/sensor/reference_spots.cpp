@@ -64,8 +64,10 @@ ReferenceReport measure_reference_spots(FrameSource& source, const CentroidOptio
       measure_levels(level_plan, level_plan.pixels(), frame.view(), levels);
       find_sharp_pixels(sharp_plan, plan, plan.spots, frame.view(), levels, sharp);
     }
-    find_centroids(plan, frame.view(), centroids,
-                   options.follow_level ? FrameConditions{&levels, &sharp} : FrameConditions{});
+    const FrameConditions conditions =
+        options.follow_level ? FrameConditions{&levels, &sharp} : FrameConditions{};
+    find_centroids(plan, frame.view(), centroids, conditions);
+    find_core_positions(plan, frame.view(), centroids, conditions);
     ++frames;
     progress.step();
     add_to(sums, centroids);

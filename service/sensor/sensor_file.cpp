@@ -68,6 +68,8 @@ void write_keys(FitsFile& file, const Sensor& sensor) {
     file.write_key("SPOTSIG", sensor.spot_sigma_px, "sigma of the reference spots", "pix");
   if (std::isfinite(sensor.spot_sharpness))
     file.write_key("SPOTPEAK", sensor.spot_sharpness, "peak over its second brightest neighbour");
+  if (sensor.core_threshold > 0.0)
+    file.write_key("CORETHR", sensor.core_threshold, "positions are of light over this of a peak");
   if (std::isfinite(sensor.spot_gaussian_px))
     file.write_key("SPOTGAUS", sensor.spot_gaussian_px,
                    "sigma of the Gaussian most like the spots' cores", "pix");
@@ -144,6 +146,13 @@ CentroidMethod read_method(FitsFile& file) {
   return static_cast<CentroidMethod>(known - kCentroidMethodNames.begin());
 }
 
+double read_core_threshold(FitsFile& file) {
+  const double part = file.key_double("CORETHR").value_or(0.0);
+  if (!(part >= 0.0 && part < 1.0))
+    throw Failure(file.path() + ": key CORETHR is no part of a peak, calibrate again");
+  return part;
+}
+
 void read_frame_region(FitsFile& file, Sensor& sensor) {
   FrameFormat region;
   read_region(file, region);
@@ -183,6 +192,7 @@ void read_keys(FitsFile& file, Sensor& sensor) {
   sensor.spot_blur_px = file.key_double("SPOTBLUR").value_or(kUnknown);
   sensor.spot_sigma_px = file.key_double("SPOTSIG").value_or(kUnknown);
   sensor.spot_gaussian_px = file.key_double("SPOTGAUS").value_or(kUnknown);
+  sensor.core_threshold = read_core_threshold(file);
   sensor.spot_sharpness = file.key_double("SPOTPEAK").value_or(kUnknown);
   sensor.method = read_method(file);
 }
