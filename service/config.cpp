@@ -167,22 +167,73 @@ std::string read_text(const std::string& path) {
   return text;
 }
 
-}  // namespace
-
-Config read_config(const std::string& path) {
+toml::table parse_file(const std::string& path) {
   const std::string text = read_text(path);
-  toml::table table;
   try {
-    table = toml::parse(text, path);
+    return toml::parse(text, path);
   } catch (const toml::parse_error& error) {
     throw UsageError(path + ":" + std::to_string(error.source().begin.line) + ": " +
                      printable(error.description()));
   }
-  Config config;
+}
+
+/// Puts what the table says over the configuration.
+void read_over(const std::string& path, toml::table& table, Config& config) {
   TomlReader reader(path, table);
   visit_config(config, reader);
   reader.refuse_unknown();
+}
+
+/// Returns one configuration of a sweep, whose table has this name.
+NamedConfig read_variant(const std::string& path, const toml::key& name, toml::node& node,
+                         const Config& base) {
+  const std::string where = path + ":" + std::to_string(name.source().begin.line) + ": ";
+  constexpr std::string_view kAllowed =
+      "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_";
+  constexpr std::size_t kLongest = 64;
+  NamedConfig variant{std::string(name.str()), base};
+  if (variant.name.empty() || variant.name.size() > kLongest ||
+      variant.name.find_first_not_of(kAllowed) != std::string::npos)
+    throw UsageError(where +
+                     "a configuration's name must be of letters, digits, - and _, at most " +
+                     std::to_string(kLongest) + " of them");
+  toml::table* table = node.as_table();
+  if (table == nullptr)
+    throw UsageError(where + variant.name + " must be a table of sections, such as [" +
+                     variant.name + ".detect]");
+  read_over(path, *table, variant.config);
+  for (const std::string& section : changed_sections(base, variant.config))
+    if (section != "centroid" && section != "detect" && section != "split" && section != "track")
+      throw UsageError(where +
+                       "a sweep varies [centroid], [detect], [split] and [track], and not [" +
+                       section + "]: put that into --config");
+  return variant;
+}
+
+}  // namespace
+
+Config read_config(const std::string& path) {
+  toml::table table = parse_file(path);
+  Config config;
+  read_over(path, table, config);
   return config;
+}
+
+std::vector<NamedConfig> read_sweep(const std::string& path, const Config& base) {
+  constexpr std::size_t kMost = 100;
+  toml::table table = parse_file(path);
+  if (table.size() < 2 || table.size() > kMost)
+    throw UsageError(path + ": a sweep has from 2 to " + std::to_string(kMost) +
+                     " configurations, each a table of its own, and this has " +
+                     std::to_string(table.size()));
+  std::vector<std::pair<toml::source_position, NamedConfig>> placed;
+  for (auto&& [name, node] : table)
+    placed.emplace_back(name.source().begin, read_variant(path, name, node, base));
+  std::stable_sort(placed.begin(), placed.end(),
+                   [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<NamedConfig> variants;
+  for (auto& [place, variant] : placed) variants.push_back(std::move(variant));
+  return variants;
 }
 
 Config with_setting(Config config, const std::string& section, const std::string& key,
@@ -191,10 +242,7 @@ Config with_setting(Config config, const std::string& section, const std::string
   std::visit([&](const auto& known) { keys.insert(key, known); }, value);
   toml::table table;
   table.insert(section, std::move(keys));
-  const std::string path = "change";
-  TomlReader reader(path, table);
-  visit_config(config, reader);
-  reader.refuse_unknown();
+  read_over("change", table, config);
   return config;
 }
 

@@ -100,6 +100,20 @@ struct Config {
 /// range.
 Config read_config(const std::string& path);
 
+/// One configuration of several.
+struct NamedConfig {
+  std::string name;  ///< letters, digits, - and _, for it becomes part of a file's name
+  Config config;
+};
+
+/// Reads a TOML file with a table for each configuration, in the file's order, such as
+///     [strict.detect]
+///     false_alarms_per_frame = 0.001
+/// What a table says goes over `base`. Throws UsageError as read_config() does, and for a section
+/// that is none of [centroid], [detect], [split] and [track], for a name with other letters, and
+/// for fewer than two configurations or more than 100.
+std::vector<NamedConfig> read_sweep(const std::string& path, const Config& base);
+
 /// A value as it may come from elsewhere than a file.
 using SettingValue = std::variant<bool, std::int64_t, double, std::string>;
 

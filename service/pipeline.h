@@ -63,7 +63,7 @@ struct Publisher {
   std::function<void(const FrameSlot&)> publish;
   /// This is called after publish, when the frame's latency is complete, with the number of frames
   /// lost so far.
-  std::function<void(const FrameSlot&, std::int64_t dropped)> finish;
+  std::function<void(FrameSlot&, std::int64_t dropped)> finish;
 };
 
 /// Each thread of the pipeline calls this first, with its number from 0. It sets CPU and priority.

@@ -7,7 +7,6 @@
 #include <cstdlib>
 #include <functional>
 #include <memory>
-#include <thread>
 
 #include "acquisition/fits/partial_path.h"
 #include "acquisition/recording/fits_source.h"
@@ -19,9 +18,8 @@
 #include "service/commands/night_merge.h"
 #include "service/commands/page_flag.h"
 #include "service/commands/pipeline_flags.h"
-#include "service/page/frame_store.h"
-#include "service/page/page_server.h"
-#include "service/page/report.h"
+#include "service/commands/shown_frames.h"
+#include "service/method_choice.h"
 #include "service/picture/frame_picture.h"
 #include "service/pipeline.h"
 #include "service/program/interrupt.h"
@@ -37,6 +35,7 @@
 #include "service/sensor/sensor_file.h"
 #include "service/shards/shard_choice.h"
 #include "service/shards/shard_worker.h"
+#include "service/sweep/sweep.h"
 #include "service/thread_placement.h"
 
 namespace curlew {
@@ -52,8 +51,8 @@ struct ReplayOptions {
   std::string shard;
   std::string jsonl;
   std::string picture;
-  std::string page;  ///< where the page is served; empty: there is none
-  std::string report;
+  ShownFramesOptions shown;
+  std::string sweep;
   std::vector<std::string> save;
   AirOptions air;
   double pace_hz = 0.0;
@@ -109,16 +108,21 @@ std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& 
   return notes;
 }
 
+/// Says whether more is to be made of the frames than a results file.
+bool has_views(const ReplayOptions& options) {
+  return !options.jsonl.empty() || !options.picture.empty() || options.shown.wanted() ||
+         options.air.window_s > 0.0;
+}
+
 /// As check_usage, for a shard. What is there already is looked at later, because a shard that is
 /// done is not done again.
 void check_shard_usage(const ReplayOptions& options, const std::vector<std::string>& inputs) {
   if (options.out.empty())
     throw UsageError("--shard needs --out, the results file of all shards together");
-  if (!options.jsonl.empty() || !options.picture.empty() || !options.page.empty() ||
-      !options.report.empty() || options.air.window_s > 0.0 || options.pace_hz != 0.0)
+  if (has_views(options) || options.pace_hz != 0.0 || !options.sweep.empty())
     throw UsageError(
-        "--jsonl, --picture, --page, --report, --air and --pace go with one run over all frames, "
-        "not --shard");
+        "--jsonl, --picture, --page, --report, --air, --pace and --sweep go with one run over all "
+        "frames, not --shard");
   check_output(options.out, inputs, Existing::kReplaced);
 }
 
@@ -127,10 +131,15 @@ void check_usage(const ReplayOptions& options, const FramePictureOptions& pictur
   std::vector<std::string> inputs = options.recordings;
   inputs.push_back(options.sensor);
   inputs.push_back(options.pipeline.config);
+  inputs.push_back(options.sweep);
   if (!options.shard.empty()) return check_shard_usage(options, inputs);
-  check_output(options.out, inputs, options.existing);
+  if (!options.sweep.empty() && (options.out.empty() || has_views(options)))
+    throw UsageError(
+        "--sweep needs --out, which its results files are named after, and goes without --jsonl, "
+        "--picture, --page, --report and --air");
+  if (options.sweep.empty()) check_output(options.out, inputs, options.existing);
   check_output(picture.path, inputs, options.existing);
-  check_output(options.report, inputs, options.existing);
+  check_output(options.shown.report, inputs, options.existing);
   check_stream_output(options.jsonl, inputs, options.existing);
   if (!options.save.empty() && options.out.empty())
     throw UsageError("--save goes into --out, name a file there");
@@ -155,53 +164,13 @@ void print_input(const ReplayOptions& options, const FitsSource& source, const S
 struct ReplayFiles {
   std::unique_ptr<ResultsFile> results;
   std::unique_ptr<JsonLines> lines;
+  std::unique_ptr<Sweep> sweep;  ///< the files of the sweep's other configurations
 
   void commit() const {
     if (results) results->commit();
+    if (sweep) sweep->commit();
     if (lines) lines->commit();
   }
-};
-
-/// The frames that page and report show, and the server of the page, where the user asked for them.
-class ShownFrames {
- public:
-  ShownFrames(const ReplayOptions& options, std::shared_ptr<const Plan> plan) {
-    constexpr std::size_t kMostFrames = 1000;
-    constexpr std::size_t kMostBytes = 256'000'000;
-    if (!wanted(options)) return;
-    store_ = std::make_unique<FrameStore>(std::move(plan), options.recordings.front(), kMostFrames,
-                                          kMostBytes);
-    if (options.page.empty()) return;
-    PageOptions page;
-    page.listen = options.page;
-    server_ = std::make_unique<PageServer>(page, *store_);
-    fmt::print("the page is at {}\n", server_->url());
-    std::fflush(stdout);
-  }
-  FrameStore* store() const { return store_.get(); }
-
-  static bool wanted(const ReplayOptions& options) {
-    return !options.page.empty() || !options.report.empty();
-  }
-  /// There are no more frames; writes the report.
-  void finish(const ReplayOptions& options) const {
-    if (!store_) return;
-    store_->finish();
-    if (options.report.empty()) return;
-    write_report(options.report, *store_);
-    fmt::print("\n{}: the report, which any browser opens\n", options.report);
-  }
-  /// Shows the frames until the user ends the program.
-  void wait() const {
-    if (!server_) return;
-    fmt::print("\nthe page at {} shows the frames; Ctrl-C ends it\n", server_->url());
-    std::fflush(stdout);
-    while (!interrupted()) std::this_thread::sleep_for(std::chrono::milliseconds(50));
-  }
-
- private:
-  std::unique_ptr<FrameStore> store_;
-  std::unique_ptr<PageServer> server_;  ///< the last, because it uses the store
 };
 
 /// What is printed of the frames.
@@ -237,7 +206,7 @@ RunReport run_pipeline(const ReplayOptions& options, const Config& config,
     if (files.results) files.results->add(slot);
     draw(slot);
   };
-  publisher.finish = [&](const FrameSlot& slot, std::int64_t dropped) {
+  publisher.finish = [&](FrameSlot& slot, std::int64_t dropped) {
     if (files.results) files.results->add_latency(slot);
     if (files.lines) {
       result.copy(slot, dropped);
@@ -245,6 +214,7 @@ RunReport run_pipeline(const ReplayOptions& options, const Config& config,
     }
     if (shown != nullptr) shown->add(slot, dropped);
     tables.add(slot);
+    if (files.sweep) files.sweep->work(slot);
     progress.step();
   };
   return pipeline.run(feed, publisher);
@@ -293,12 +263,27 @@ void replay_shard(const ReplayOptions& options, const std::shared_ptr<const Plan
   merge_night(worker.paths(), options.out, options.existing);
 }
 
+/// Returns the configurations that are asked for: one without a name, or those of a sweep.
+std::vector<NamedConfig> configurations(const ReplayOptions& options, bool hidden_phase) {
+  std::vector<NamedConfig> configs{{{}, options.pipeline.configuration()}};
+  if (!options.sweep.empty()) {
+    configs = read_sweep(options.sweep, configs.front().config);
+    for (const NamedConfig& named : configs) {
+      check_output(sweep_output(options.out, named.name), options.recordings, options.existing);
+      refuse_settings_without_effect(named.config);
+    }
+  }
+  for (NamedConfig& named : configs) named.config.split.hidden_phase |= hidden_phase;
+  return configs;
+}
+
 void replay(const ReplayOptions& options) {
   const FramePictureOptions picture = frame_picture_options(options.picture);
   check_usage(options, picture);
   const SaveOptions save = save_options_from(options.save);
-  Config config = options.pipeline.configuration();
-  config.split.hidden_phase |= save.whole_phase || ShownFrames::wanted(options);
+  const std::vector<NamedConfig> configs =
+      configurations(options, save.whole_phase || options.shown.wanted());
+  const Config& config = configs.front().config;
   Sensor sensor = read_sensor(options.sensor);
   FitsSource source(options.recordings, selection_of(options));
   add_bad_pixels(sensor, source.nan_pixels());
@@ -311,8 +296,14 @@ void replay(const ReplayOptions& options) {
   if (const std::string line = method_line(plan->detect.choice()); !line.empty())
     fmt::print("{}\n", line);
   print_input(options, source, sensor);
-  if (!options.out.empty())
+  if (!options.sweep.empty()) {
+    files.results = std::make_unique<ResultsFile>(sweep_output(options.out, configs.front().name),
+                                                  *plan, save, source.frame_count());
+    files.sweep = std::make_unique<Sweep>(configs, *plan, sensor, source.format(), save,
+                                          options.out, source.frame_count());
+  } else if (!options.out.empty()) {
     files.results = std::make_unique<ResultsFile>(options.out, *plan, save, source.frame_count());
+  }
   ReplayTables tables{VortexPrinter(truth, *plan, options.show), {}, {}};
   if (options.air.window_s > 0.0) tables.air = std::make_unique<AirTable>(*plan, options.air);
   ThreadPlacement placement(config.pipeline.cpus, config.realtime.priority);
@@ -322,7 +313,7 @@ void replay(const ReplayOptions& options) {
     write_frame_picture(picture.path, sensor, slot);
     drawn = true;
   };
-  const ShownFrames shown(options, plan);
+  const ShownFrames shown(options.shown, options.recordings.front(), plan);
   const RunReport report =
       run_pipeline(options, config, plan, source, placement, files, tables, draw, shown.store());
   if (files.results && tables.air) files.results->append(tables.air->table());
@@ -336,7 +327,12 @@ void replay(const ReplayOptions& options) {
   if (!drawn && picture.frame >= 0)
     throw Failure(
         fmt::format("--picture: there is no frame {}, only {}", picture.frame, report.frames));
-  shown.finish(options);
+  shown.finish();
+  if (files.sweep) {
+    fmt::print("\n{}", files.sweep->text());
+    if (const std::string name = files.sweep->without_measurement(); !name.empty())
+      throw Failure("nothing was measured in any frame by the configuration " + name);
+  }
   if (const std::string why = nothing_measured(report); !why.empty()) throw Failure(why);
   shown.wait();
 }
@@ -382,13 +378,25 @@ void add_replay(CLI::App& app) {
                       "file to write with one JSON object a frame; - for standard output");
   command->add_option("--picture", options->picture,
                       "FRAME:FILE.png: PNG to draw a frame into, with its slopes and vortices");
-  add_page_flag(*command, options->page);
+  add_page_flag(*command, options->shown.page);
   command->add_option(
-      "--report", options->report,
+      "--report", options->shown.report,
       "HTML file to write: the page with its frames, which opens without a network");
   command->add_option("--shard", options->shard,
                       "do one part of the frames: I/N, auto (by mpirun or a Slurm array), or all/N "
                       "(each, and merge)");
+  command->add_option("--sweep", options->sweep,
+                      "TOML file with several configurations, each a table: frames are read once, "
+                      "and each configuration NAME gets a results file, --out with .NAME");
+  command
+      ->add_option_function<std::string>(
+          "--progress",
+          [](const std::string& style) {
+            Progress::set_style(style == "json" ? ProgressStyle::kJson : ProgressStyle::kTerminal);
+          },
+          "how progress is shown: terminal (default, nothing where there is none), or json, a line "
+          "a second on standard error")
+      ->check(CLI::IsMember({"terminal", "json"}));
   add_force_flag(*command, options->existing);
   options->pipeline.add_to(*command);
   add_air_flags(*command, options->air);

@@ -250,6 +250,74 @@ class Shards(Night):
 
 
 @unittest.skipUnless(shutil.which("mpirun"), "openmpi-bin is not installed")
+    def test_progress_is_told_in_json(self):
+        for shard, what, total in ((None, "replay", FRAMES), ("2/3", "shard 2 of 3", FRAMES // 3)):
+            command = self.command(shard)[: None if shard else -2]
+            run = subprocess.run([PROGRAM, *command, "--progress", "json"], cwd=self.folder,
+                                 capture_output=True, text=True, check=True)
+            last = json.loads(run.stderr.splitlines()[-1])
+            self.assertEqual(last["progress"], what)
+            self.assertEqual(last["done"], last["total"])
+            self.assertAlmostEqual(last["total"], total, delta=1)
+            self.assertGreater(last["seconds"], 0)
+
+
+class Sweep(Night):
+    """Several configurations over one night are the runs that each would be alone, bit for bit."""
+
+    RUNS = {
+        "first": "[detect]\nfalse_alarms_per_frame = 0.01\n",
+        "rare": "[detect]\nfalse_alarms_per_frame = 0.0001\n",
+        "circulation": "[detect]\nmethod = 'circulation'\n[track]\nmin_probability = 0.9\n",
+        "higher": "[centroid]\nthreshold_noise = 6\n",
+        "higher_too": "[centroid]\nthreshold_noise = 6\n[detect]\nfalse_alarms_per_frame = 1\n",
+        "weighted": "[split]\nweighted = true\n",
+        "fixed": "[centroid]\nfollow_windows = false\n",
+        "whole": "[split]\nhidden_phase = true\n[detect]\nfalse_alarms_per_frame = 0.1\n",
+    }
+    SAVED = ["--track", "--save", "slopes,flux,phase,whole_phase,solenoidal,zernike"]
+
+    def write(self, name, runs):
+        text = "".join(settings.replace("[", f"[{run}.") for run, settings in runs.items())
+        (self.folder / name).write_text(text)
+
+    def alone(self, name, out, saved):
+        (self.folder / "alone.toml").write_text(self.RUNS[name])
+        self.curlew("replay", *self.names, "--sensor", "sensor.fits", "--config", "alone.toml", *saved,
+                    "--out", out)
+
+    def test_every_run_is_what_it_is_alone(self):
+        self.write("sweep.toml", self.RUNS)
+        said = self.curlew("replay", *self.names, "--sensor", "sensor.fits", *self.SAVED, "--out", self.out,
+                           "--sweep", "sweep.toml")
+        for name in self.RUNS:
+            with self.subTest(run=name):
+                self.assertIn(f"{self.tag}.{name}.fits", said)
+                self.alone(name, "alone.fits", [*self.SAVED, "--force"])
+                self.assertTrue(bytes_but_latency(self.folder / f"{self.tag}.{name}.fits") ==
+                                bytes_but_latency(self.folder / "alone.fits"))
+
+    def test_what_is_no_sweep_is_refused(self):
+        replay = ["replay", *self.names, "--sensor", "sensor.fits", "--sweep", "bad.toml"]
+        for text, said in (("[only.detect]\nfalse_alarms_per_frame = 0.1\n", "from 2 to 100"),
+                           ("[a.detect]\n[b.detekt]\n", "unknown section 'detekt'"),
+                           ("[a.detect]\n[b.pipeline]\nslots = 3\n", "and not [pipeline]"),
+                           ("[a.detect]\n['../b'.detect]\n", "letters, digits, - and _"),
+                           ("a = 1\nb = 2\n", "must be a table of sections"),
+                           ("[a.detect]\nfalse_alarms_per_frame = 'x'\n[b.detect]\n", "must be a number")):
+            with self.subTest(said=said):
+                (self.folder / "bad.toml").write_text(text)
+                self.curlew(*replay, "--out", self.out, fails=said)
+        (self.folder / "bad.toml").write_text("[a.detect]\n[b.detect]\n")
+        self.curlew(*replay, fails="--sweep needs --out")
+        self.curlew(*replay, "--out", self.out, "--jsonl", "lines", fails="--sweep needs --out")
+        self.curlew(*replay, "--out", self.out, "--shard", "1/2", fails="not --shard")
+        self.assertEqual(sorted(self.folder.glob(f"{self.tag}*")), [])
+        (self.folder / f"{self.tag}.b.fits").write_text("mine")
+        self.curlew(*replay, "--out", self.out, fails="--force")
+        self.assertEqual((self.folder / f"{self.tag}.b.fits").read_text(), "mine")
+
+
 class Mpi(Night):
     def mpirun(self, ranks):
         environment = dict(os.environ, OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
