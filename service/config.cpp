@@ -70,6 +70,7 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("daemon", "jsonl_keep_files", daemon.lines.keep_files, Range{0, 1000});
   visit("daemon", "jsonl_every_nth", daemon.lines.every_nth, Range{1, 1e9});
   visit("daemon", "jsonl_vortices_only", daemon.lines.vortices_only, kNotNegative);
+  visit("daemon", "jsonl_zernike", daemon.lines.zernike, kNotNegative);
   visit("daemon", "control", daemon.control, kNotNegative);
   visit("daemon", "log_level", daemon.log_level, kNotNegative);
   auto& camera = config.camera;

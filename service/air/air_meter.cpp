@@ -104,8 +104,11 @@ void AirMeter::fill(const FrameSlot& slot, AirSample& sample) noexcept {
 
 std::optional<AirReport> AirMeter::add(const AirSample& sample, std::int64_t frame_index) {
   std::optional<AirReport> complete;
-  if (begin_s_ && sample.time_s - *begin_s_ >= window_s_) {
-    complete = report();
+  const bool over = begin_s_ && sample.time_s - *begin_s_ >= window_s_;
+  // A clock that went back, as that of a camera that was restarted, does not tell the length.
+  const bool astray = begin_s_ && sample.time_s < *begin_s_;
+  if (over) complete = report();
+  if (over || astray) {
     window_.begin_anew();
     begin_s_.reset();
   }

@@ -45,6 +45,7 @@ class AirMeter {
   static void fill(const FrameSlot& slot, AirSample& sample) noexcept;
 
   /// Returns the report of a window that is complete without this frame, which begins the next.
+  /// Where the clock goes back before a window's first frame, that window is given up.
   std::optional<AirReport> add(const AirSample& sample, std::int64_t frame_index);
   /// Returns the report of the window as far as it has come.
   AirReport report() const;

@@ -21,11 +21,12 @@ AirTable::AirTable(const Plan& plan, const AirOptions& options)
       whole_(plan, {std::numeric_limits<double>::infinity(), options.fresnel_pitches}),
       sample_(meter_.make_sample()) {}
 
-void AirTable::add(const FrameSlot& slot) {
+std::optional<AirReport> AirTable::add(const FrameSlot& slot) {
   AirMeter::fill(slot, sample_);
   whole_.add(sample_, slot.frame_index);
-  if (const std::optional<AirReport> complete = meter_.add(sample_, slot.frame_index))
-    windows_.push_back(*complete);
+  std::optional<AirReport> complete = meter_.add(sample_, slot.frame_index);
+  if (complete) windows_.push_back(*complete);
+  return complete;
 }
 
 MemoryTable AirTable::table() const {

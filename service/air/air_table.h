@@ -1,6 +1,7 @@
 // AirTable holds the air of a replay, window by window and as a whole.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,7 +14,8 @@ class AirTable {
  public:
   AirTable(const Plan& plan, const AirOptions& options);
 
-  void add(const FrameSlot& slot);
+  /// Returns the report of a window that is complete without this frame.
+  std::optional<AirReport> add(const FrameSlot& slot);
   /// Returns the table AIR of a results file: a row for each window, the last of
   /// which may be cut off by the recording's end.
   MemoryTable table() const;

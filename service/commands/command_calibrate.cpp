@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "acquisition/fits/partial_path.h"
+#include "acquisition/pictures/picture_stack.h"
 #include "acquisition/recording/fits_source.h"
 #include "acquisition/recording/mean_image.h"
 #include "acquisition/recording/recording.h"
@@ -176,6 +177,7 @@ Provenance provenance_of(const CalibrateOptions& options, const Config& config) 
   Provenance provenance = provenance_of(config);
   const std::string& source = options.camera.empty() ? options.reference : options.camera;
   provenance.history.insert(provenance.history.begin(), "calibrated on " + source);
+  if (means_pictures(options.reference)) return provenance;  // they have no date
   FitsFile reference = FitsFile::open(options.reference);
   provenance.observed_ns = observed_ns(reference);
   return provenance;

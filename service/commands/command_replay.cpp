@@ -13,6 +13,7 @@
 #include "centroiding/calibration/frame_noise.h"
 #include "core/error.h"
 #include "service/air/air_table.h"
+#include "service/commands/air_flags.h"
 #include "service/commands/commands.h"
 #include "service/commands/force_flag.h"
 #include "service/commands/night_merge.h"
@@ -25,6 +26,7 @@
 #include "service/program/interrupt.h"
 #include "service/program/outputs.h"
 #include "service/program/progress.h"
+#include "service/results/frame_modes.h"
 #include "service/results/json_lines.h"
 #include "service/results/latency_report.h"
 #include "service/results/results_file.h"
@@ -165,6 +167,7 @@ struct ReplayFiles {
   std::unique_ptr<ResultsFile> results;
   std::unique_ptr<JsonLines> lines;
   std::unique_ptr<Sweep> sweep;  ///< the files of the sweep's other configurations
+  std::unique_ptr<FrameModes> line_modes;  ///< null if the lines have no Zernikes
 
   void commit() const {
     if (results) results->commit();
@@ -179,10 +182,11 @@ struct ReplayTables {
   TrackSummary tracks;
   std::unique_ptr<AirTable> air;  ///< null if it was not asked for
 
-  void add(const FrameSlot& slot) {
+  /// Returns the air of a window that is complete without this frame.
+  std::optional<AirReport> add(const FrameSlot& slot) {
     vortices.add(slot);
     tracks.add(slot.frame_index, slot.frame->header, slot.vortices);
-    if (air) air->add(slot);
+    return air ? air->add(slot) : std::nullopt;
   }
   void print() const {
     constexpr std::size_t kMostTracks = 12;
@@ -208,12 +212,13 @@ RunReport run_pipeline(const ReplayOptions& options, const Config& config,
   };
   publisher.finish = [&](FrameSlot& slot, std::int64_t dropped) {
     if (files.results) files.results->add_latency(slot);
+    const std::optional<AirReport> air = tables.add(slot);
     if (files.lines) {
       result.copy(slot, dropped);
-      files.lines->add(result);
+      if (files.line_modes) files.line_modes->fit(slot, result.zernike);
+      files.lines->add(result, air ? &*air : nullptr);
     }
     if (shown != nullptr) shown->add(slot, dropped);
-    tables.add(slot);
     if (files.sweep) files.sweep->work(slot);
     progress.step();
   };
@@ -293,6 +298,7 @@ void replay(const ReplayOptions& options) {
   ReplayFiles files;
   // This comes before anything is printed, because the lines may take standard output.
   if (!options.jsonl.empty()) files.lines = std::make_unique<JsonLines>(options.jsonl);
+  if (config.daemon.lines.zernike) files.line_modes = std::make_unique<FrameModes>(*plan);
   if (const std::string line = method_line(plan->detect.choice()); !line.empty())
     fmt::print("{}\n", line);
   print_input(options, source, sensor);
@@ -335,20 +341,6 @@ void replay(const ReplayOptions& options) {
   }
   if (const std::string why = nothing_measured(report); !why.empty()) throw Failure(why);
   shown.wait();
-}
-
-void add_air_flags(CLI::App& command, AirOptions& air) {
-  auto* window = command
-                     .add_option("--air", air.window_s,
-                                 "estimate the air (r0, scintillation, wind) over so many seconds "
-                                 "at a time, or frames where no clock is known")
-                     ->check(CLI::Range(1e-3, 1e6));
-  command
-      .add_option("--fresnel", air.fresnel_pitches,
-                  "square root of wavelength times path, in pitches at the lenslets, of a path "
-                  "through even air; 0: the air is near")
-      ->check(CLI::Range(0.0, 1e4))
-      ->needs(window);
 }
 
 }  // namespace

@@ -1,14 +1,13 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
-#include <filesystem>
 #include <memory>
 
 #include "core/error.h"
+#include "service/commands/air_flags.h"
 #include "service/commands/commands.h"
 #include "service/commands/page_flag.h"
 #include "service/commands/pipeline_flags.h"
-#include "service/daemon/control_socket.h"
 #include "service/daemon/daemon.h"
 #include "service/program/interrupt.h"
 #include "service/program/log.h"
@@ -25,6 +24,7 @@ struct RunCommand {
   std::string page;
   bool watch = false;
   DaemonLimits limits;
+  AirOptions air;
 };
 
 /// Returns the configuration. The file is read again at every reload.
@@ -65,7 +65,8 @@ void run_daemon(const RunCommand& options) {
   catch_daemon_signals();
   const Config config = configuration(options);
   const Log log(config.daemon.log_level);
-  Daemon daemon([options] { return configuration(options); }, options.limits, options.watch);
+  Daemon daemon([options] { return configuration(options); }, options.limits, options.air,
+                options.watch);
   const DaemonReport report = daemon.run();
   print_report(report);
   if (const std::string why = nothing_measured(report.results); !why.empty()) throw Failure(why);
@@ -96,30 +97,8 @@ void add_run(CLI::App& app) {
   command->add_flag("--watch", options->watch,
                     "show spots, phase and vortices on this terminal, which needs 24-bit colours");
   options->pipeline.add_to(*command);
+  add_air_flags(*command, options->air);
   command->callback([options] { run_daemon(*options); });
-}
-
-void add_control(CLI::App& app) {
-  struct Question {
-    std::string word;
-    std::string socket = "/run/curlew/control";
-  };
-  auto question = std::make_shared<Question>();
-  CLI::App* command = app.add_subcommand("control", "Ask or tell the running daemon");
-  command
-      ->add_option(
-          "word", question->word,
-          "command: status (JSON), trigger (the recorder) or expose (a software-triggered camera)")
-      ->required();
-  command
-      ->add_option("--socket", question->socket,
-                   "socket of the daemon: control in section [daemon]")
-      ->capture_default_str();
-  command->callback([question] {
-    const std::string answer = ask_daemon(question->socket, question->word);
-    if (answer.rfind("error: ", 0) == 0) throw Failure(answer.substr(7));
-    fmt::print("{}\n", answer);
-  });
 }
 
 }  // namespace curlew

@@ -19,8 +19,10 @@
 namespace curlew {
 namespace {
 
-// Whoever has connected must ask the question within this time.
+// Whoever has connected must ask the question, and take the answer, within this time.
 constexpr std::chrono::milliseconds kPatience{2000};
+// Whoever asks waits this long for a part of the answer; some have to be made first.
+constexpr int kPatienceForAnswer_ms = 10'000;
 
 sockaddr_un address_of(const std::string& path) {
   sockaddr_un address{};
@@ -101,15 +103,33 @@ std::string read_line(int fd) {
   return line.substr(0, line.find('\n'));
 }
 
+/// Gives up on a peer who takes a little now and then.
 void write_line(int fd, std::string line) {
   line += '\n';
+  const auto end = std::chrono::steady_clock::now() + kPatience;
   std::size_t sent = 0;
-  while (sent < line.size()) {
+  while (sent < line.size() && std::chrono::steady_clock::now() < end) {
     const ssize_t count = uninterrupted(
         [&] { return send(fd, line.data() + sent, line.size() - sent, MSG_NOSIGNAL); });
     if (count <= 0) return;
     sent += static_cast<std::size_t>(count);
   }
+}
+
+/// Reads until the peer ends the connection. Returns nothing where it goes silent before.
+std::string read_answer(int fd) {
+  std::string answer;
+  std::array<char, 65536> bytes{};
+  for (;;) {
+    if (!readable(fd, kPatienceForAnswer_ms)) return {};
+    const ssize_t count = uninterrupted([&] { return recv(fd, bytes.data(), bytes.size(), 0); });
+    if (count < 0) return {};
+    if (count == 0) break;
+    answer.append(bytes.data(), static_cast<std::size_t>(count));
+  }
+  if (answer.empty() || answer.back() != '\n') return {};  // it was broken off
+  answer.pop_back();
+  return answer;
 }
 
 std::string connect_trouble() {
@@ -182,7 +202,7 @@ std::string ask_daemon(const std::string& path, const std::string& word) {
   if (!connects(peer.fd(), address_of(path)))
     throw Failure("no curlew listens at " + path + ": " + connect_trouble());
   write_line(peer.fd(), word);
-  std::string answer = read_line(peer.fd());
+  std::string answer = read_answer(peer.fd());
   if (answer.empty()) throw Failure("the curlew at " + path + " does not answer");
   return answer;
 }

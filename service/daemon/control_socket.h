@@ -6,7 +6,8 @@
 
 namespace curlew {
 
-/// The socket's owner and group may ask. A question is one line, and so is its answer.
+/// The socket's owner and group may ask. A question is one line. The answer is a line, a text or a
+/// whole file, and ends with the connection.
 class ControlSocket {
  public:
   /// Listens at path. A socket that a killed daemon left behind is replaced. UsageError where the
@@ -26,8 +27,8 @@ class ControlSocket {
   int listening_ = -1;
 };
 
-/// Asks the daemon that listens at path. Failure where no daemon listens there, or where it does
-/// not answer.
+/// Asks the daemon that listens at path, and returns its answer. Failure where no daemon listens
+/// there, or where it does not answer.
 std::string ask_daemon(const std::string& path, const std::string& word);
 
 }  // namespace curlew

@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <exception>
+#include <filesystem>
 #include <thread>
 #include <utility>
 
@@ -34,9 +35,10 @@ LiveFeed::Limits feed_limits(const DaemonLimits& limits) {
 
 }  // namespace
 
-Daemon::Daemon(std::function<Config()> configure, DaemonLimits limits, bool watch)
+Daemon::Daemon(std::function<Config()> configure, DaemonLimits limits, const AirOptions& air,
+               bool watch)
     : limits_(feed_limits(limits)),
-      pipeline_(std::move(configure), status_),
+      pipeline_(std::move(configure), status_, air),
       connection_(pipeline_, status_, limits_) {
   const std::string control = pipeline_.config().daemon.control;
   if (!control.empty()) control_socket_ = std::make_unique<ControlSocket>(control);
@@ -60,7 +62,7 @@ void Daemon::serve_page() {
   if (config.page.listen.empty()) return;
   std::vector<std::string> settings;
   if (config.page.control) settings.assign(kPageSettings.begin(), kPageSettings.end());
-  page_ = std::make_unique<LivePage>([this] { return status_json(status_.snapshot()); },
+  page_ = std::make_unique<LivePage>([this] { return status_json(status_.snapshot(), facts()); },
                                      config.camera.source, settings);
   pipeline_.show_on(*page_);
   PageControl control;
@@ -153,22 +155,34 @@ void Daemon::every_second() {
   supervisor_.status(status_line_);
 }
 
+DaemonFacts Daemon::facts() const {
+  const Config config = pipeline_.config();
+  DaemonFacts facts{config_hash(config), config.camera.source, {}};
+  std::error_code unknown;
+  const auto space = std::filesystem::space(config.recorder.folder, unknown);
+  if (!unknown && config.recorder.mode != RecordMode::kOff)
+    facts.free_mb = static_cast<std::int64_t>(space.available / 1'000'000);
+  return facts;
+}
+
 /// Answers the words of `curlew control`.
 std::string Daemon::answer(const std::string& word) {
-  if (word == "status") return status_json(status_.snapshot());
+  if (word == "status") return status_json(status_.snapshot(), facts());
+  if (word == "metrics") return metrics_text(status_.metrics(), status_.snapshot());
   if (word == "trigger")
     return pipeline_.trigger()
                ? "triggered"
                : "error: set mode = \"trigger\" in section [recorder] to record on a trigger";
-  if (word == "expose") {
+  if (word == "expose" || word == "snapshot") {
     try {
+      if (word == "snapshot") return pipeline_.snapshot();
       connection_.expose();
       return "exposed";
     } catch (const std::exception& error) {
       return std::string("error: ") + error.what();
     }
   }
-  return "error: status, trigger and expose are known, not '" + word + "'";
+  return "error: status, metrics, snapshot, trigger and expose are known, not '" + word + "'";
 }
 
 }  // namespace curlew

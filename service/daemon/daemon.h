@@ -41,9 +41,10 @@ struct DaemonReport : DaemonCounts {
 /// the JSON lines have threads of their own.
 class Daemon {
  public:
-  /// configure: reads the configuration, now and at every SIGHUP. watch: whether the terminal shows
-  /// the frames.
-  Daemon(std::function<Config()> configure, DaemonLimits limits, bool watch = false);
+  /// configure: reads the configuration, now and at every SIGHUP. air: how the air is looked at; by
+  /// default it is not. watch: whether the terminal shows the frames.
+  Daemon(std::function<Config()> configure, DaemonLimits limits, const AirOptions& air = {},
+         bool watch = false);
 
   /// Returns at a limit, at SIGINT or SIGTERM, and at the end of a recording. Throws what makes it
   /// pointless to go on: a configuration or a sensor file that cannot be used from the start, a
@@ -56,6 +57,7 @@ class Daemon {
   void supervise(const std::atomic<bool>& finished);
   void every_second();
   std::string answer(const std::string& word);
+  DaemonFacts facts() const;
 
   LiveFeed::Limits limits_;
   DaemonStatus status_;

@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <chrono>
 #include <exception>
 #include <thread>
 #include <utility>
@@ -104,9 +105,11 @@ void log_sections_that_wait(const Config& old, Config fresh) {
 
 }  // namespace
 
-DaemonPipeline::DaemonPipeline(std::function<Config()> configure, DaemonStatus& status)
+DaemonPipeline::DaemonPipeline(std::function<Config()> configure, DaemonStatus& status,
+                               const AirOptions& air)
     : configure_(std::move(configure)),
       status_(status),
+      air_options_(air),
       config_(completed(configure_())),
       sensor_(sensor_for(config_)),
       placement_(config_.pipeline.cpus, config_.realtime.priority) {
@@ -134,7 +137,9 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
   format_.reset();  // Until everything fits the new format a reload makes no plan.
   pipeline_.reset();
   streams_.reset();
+  air_.reset();
   pending_plan_.reset();
+  plan_.reset();
   const std::unique_ptr<Recorder> old = std::move(recorder_);
   lock.unlock();
   if (old) {
@@ -144,10 +149,11 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
   lock.lock();
   std::int64_t made_from = -1;
   MethodChoice choice;
+  std::shared_ptr<const Plan> plan;
   std::unique_ptr<Pipeline> pipeline;
   std::unique_ptr<StreamPublisher> streams;
+  std::unique_ptr<AirWatch> air;
   std::unique_ptr<Recorder> recorder;
-  std::shared_ptr<const Plan> plan;
   while (made_from != configurations_) {  // A reload meanwhile makes another round necessary.
     made_from = configurations_;
     const Config config = config_;
@@ -160,6 +166,10 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
     streams.reset();
     if (!config.publish.streams.empty())
       streams = std::make_unique<StreamPublisher>(config.publish, *plan, format);
+    air.reset();
+    if (air_options_.window_s > 0.0)
+      air = std::make_unique<AirWatch>(*plan, air_options_,
+                                       [this](const AirReport& report) { tell_air(report); });
     recorder.reset();
     if (config.recorder.mode != RecordMode::kOff)
       recorder = std::make_unique<Recorder>(config.recorder, format, header_for(config, sensor),
@@ -167,8 +177,12 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
     lock.lock();
   }
   if (page_ != nullptr) page_->know(plan);
+  if (writer_ && config_.daemon.lines.zernike)
+    writer_->show_modes(std::make_unique<FrameModes>(*plan));
+  plan_ = std::move(plan);
   pipeline_ = std::move(pipeline);
   streams_ = std::move(streams);
+  air_ = std::move(air);
   recorder_ = std::move(recorder);
   format_ = format;
   if (recorder_) status_.recorder_began(*recorder_);
@@ -182,12 +196,14 @@ void DaemonPipeline::run(LiveFeed& feed) {
   publisher.publish = [&](const FrameSlot& slot) {
     if (streams_) streams_->publish(slot);
     if (recorder_ && !recording_paused_) recorder_->add(*slot.frame, &slot.vortices);
+    snapshots_.offer(slot);
   };
   publisher.finish = [&, dropped_before = report_.dropped](const FrameSlot& slot,
                                                            std::int64_t dropped) {
     if (writer_) writer_->add(slot, dropped_before + dropped);
     if (page_ != nullptr) page_->pass(slot, dropped_before + dropped);
     if (tap_ != nullptr) tap_->pass(slot, dropped_before + dropped);
+    if (air_) air_->add(slot);
     status_.result_published(slot);
   };
   std::exception_ptr failure;
@@ -233,6 +249,8 @@ void DaemonPipeline::take_up(Config config) {
   config.publish = config_.publish;
   config.metrics = config_.metrics;
   config.page = config_.page;
+  if (air_options_.window_s > 0.0 && sensor_hash(sensor) != sensor_hash(sensor_))
+    spdlog::warn("reload: the air is of the old sensor; start curlew again for the new one's");
   check_trigger(config, sensor);
   if (!connected_) check_same_frames(sensor_, sensor);
   std::optional<FrameFormat> format;
@@ -253,9 +271,15 @@ void DaemonPipeline::take_up(Config config) {
   if (recorder_) recorder_->describe(header_for(config_, sensor_));
 }
 
+void DaemonPipeline::tell_air(const AirReport& report) {
+  status_.air_measured(report);
+  if (writer_) writer_->tell_air(report);
+}
+
 void DaemonPipeline::adopt_pending_plan() {
   const std::lock_guard lock(mutex_);
-  if (pending_plan_ && pipeline_ && pipeline_->adopt(pending_plan_)) pending_plan_.reset();
+  if (pending_plan_ && pipeline_ && pipeline_->adopt(pending_plan_))
+    plan_ = std::exchange(pending_plan_, nullptr);
 }
 
 bool DaemonPipeline::trigger() {
@@ -273,7 +297,20 @@ bool DaemonPipeline::pause_recording(bool paused) {
   return true;
 }
 
+std::string DaemonPipeline::snapshot() {
+  constexpr std::chrono::milliseconds kPatience{3000};
+  std::unique_lock lock(mutex_);
+  const std::shared_ptr<const Plan> plan = plan_;
+  const std::optional<FrameFormat> format = format_;
+  lock.unlock();
+  if (!plan || !format) throw Failure("there is no camera yet, so there is no frame to take");
+  FrameSnapshot snapshot(plan, *format);
+  if (!snapshots_.wait(snapshot, kPatience)) throw Failure("no frame came within 3 s");
+  return snapshot.file();
+}
+
 std::int64_t DaemonPipeline::finish() {
+  air_.reset();
   if (recorder_) recorder_->finish();
   return writer_ ? writer_->finish() : 0;
 }

@@ -12,8 +12,10 @@
 #include <vector>
 
 #include "centroiding/sensor.h"
+#include "service/air/air_watch.h"
 #include "service/config.h"
 #include "service/daemon/daemon_status.h"
+#include "service/daemon/frame_snapshot.h"
 #include "service/live_feed.h"
 #include "service/page/live_page.h"
 #include "service/pipeline.h"
@@ -32,7 +34,8 @@ class DaemonPipeline {
  public:
   /// configure: reads the configuration, now and at every reload. Throws what configure throws,
   /// UsageError where no sensor file is named, and Failure where a file cannot be used.
-  DaemonPipeline(std::function<Config()> configure, DaemonStatus& status);
+  DaemonPipeline(std::function<Config()> configure, DaemonStatus& status,
+                 const AirOptions& air = {});
 
   Config config() const;
 
@@ -66,6 +69,10 @@ class DaemonPipeline {
   /// Triggers the recorder. Returns false where no recorder waits for a trigger.
   bool trigger();
 
+  /// Returns the next frame with all its results, as the bytes of a results file. Failure where no
+  /// frame comes in time. The supervising thread calls it.
+  std::string snapshot();
+
   /// Returns one sentence for each CPU or priority that a thread of the pipeline was refused.
   std::vector<std::string> refused() const { return placement_.refused(); }
 
@@ -78,19 +85,22 @@ class DaemonPipeline {
 
  private:
   void take_up(Config config);
+  void tell_air(const AirReport& report);
 
   std::function<Config()> configure_;
   DaemonStatus& status_;
   std::atomic<bool> recording_paused_{false};
   std::mutex taking_up_;  ///< whoever takes up a configuration holds it
+  const AirOptions air_options_;
 
-  mutable std::mutex mutex_;  // It guards the members down to pending_plan_.
+  mutable std::mutex mutex_;  // It guards the members down to plan_.
   Config config_;
   Sensor sensor_;
   std::int64_t configurations_ = 0;           ///< It grows with every reload.
   bool connected_ = false;                    ///< A camera has told the format of its frames.
   std::optional<FrameFormat> format_;         ///< The pipeline and the recorder fit this format.
   std::shared_ptr<const Plan> pending_plan_;  ///< The pipeline has not adopted this plan yet.
+  std::shared_ptr<const Plan> plan_;          ///< Frames that are fed now are worked on by this.
 
   ThreadPlacement placement_;
   // prepare() changes these three under the mutex. run() uses them without it, because the same
@@ -99,8 +109,10 @@ class DaemonPipeline {
   std::unique_ptr<Recorder> recorder_;        ///< It is null where nothing is recorded.
   std::unique_ptr<StreamPublisher> streams_;  ///< It is null where nothing is published.
   std::unique_ptr<ResultWriter> writer_;      ///< It is null where no JSON lines are written.
+  std::unique_ptr<AirWatch> air_;             ///< It is null where the air is not looked at.
   LivePage* page_ = nullptr;                  ///< It is null where there is no page.
   FrameTap* tap_ = nullptr;                   ///< It is null where nobody watches on a terminal.
+  SnapshotExchange snapshots_;
   RunReport report_;
 };
 

@@ -73,6 +73,11 @@ void DaemonStatus::recorder_ended(const Recorder& recorder) {
   past_.recorder += recorder.counts();
 }
 
+void DaemonStatus::air_measured(const AirReport& report) {
+  const std::lock_guard lock(mutex_);
+  air_ = report;
+}
+
 StatusSnapshot DaemonStatus::snapshot() const {
   const std::lock_guard lock(mutex_);
   return read();
@@ -99,6 +104,10 @@ StatusSnapshot DaemonStatus::read() const {
   if (recorder_ != nullptr) now.counts.recorder += recorder_->counts();
   now.results = results_;
   now.recording_paused = recording_paused_;
+  now.tracks = metrics_.tracks.seen();
+  now.air = air_;
+  now.newest_ns = newest_ns_;
+  now.uptime_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count();
   const RecorderCounts& recorder = now.counts.recorder;
   now.recording = recorder_ != nullptr || recorder.files > 0 || recorder.dropped > 0;
   return now;

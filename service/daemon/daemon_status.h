@@ -2,14 +2,17 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <cstdint>
 #include <mutex>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
 #include "acquisition/camera.h"
 #include "core/frame_exchange.h"
+#include "service/air/air_meter.h"
 #include "service/daemon/live_statistics.h"
 #include "service/metrics/live_metrics.h"
 #include "service/recorder/recorder.h"
@@ -45,10 +48,14 @@ struct StatusSnapshot {
   DaemonState state = DaemonState::kSearching;
   std::string reason;  ///< It tells why the state was entered; it may be empty.
   DaemonCounts counts;
-  std::int64_t results = 0;       ///< It counts the results since the start.
-  bool recording = false;         ///< It says whether there is or was a recorder.
-  bool recording_paused = false;  ///< The page has paused the recorder.
-  StatusWindow window;            ///< It is empty where the last seconds brought no result.
+  std::int64_t results = 0;        ///< It counts the results since the start.
+  bool recording = false;          ///< It says whether there is or was a recorder.
+  bool recording_paused = false;   ///< The page has paused the recorder.
+  StatusWindow window;             ///< It is empty where the last seconds brought no result.
+  TracksSeen tracks{};             ///< since the start
+  std::optional<AirReport> air{};  ///< It is that of the last window that is complete.
+  double uptime_s = 0.0;
+  std::int64_t newest_ns = 0;  ///< UTC of receipt of the last frame with a result; 0: unknown
 };
 
 /// The daemon's threads tell this object what happens, and it logs changes of the state. Any thread
@@ -81,7 +88,11 @@ class DaemonStatus {
     statistics_.add(slot);
     metrics_.add(slot);
     results_.fetch_add(1, std::memory_order_relaxed);
+    newest_ns_.store(slot.frame->header.received_ns, std::memory_order_relaxed);
   }
+
+  /// A window of the air is complete.
+  void air_measured(const AirReport& report);
 
   StatusSnapshot snapshot() const;
   const LiveMetrics& metrics() const { return metrics_; }
@@ -102,6 +113,8 @@ class DaemonStatus {
   LiveMetrics metrics_;
   std::atomic<std::int64_t> results_{0};
   std::atomic<bool> recording_paused_{false};
+  std::atomic<std::int64_t> newest_ns_{0};
+  std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
 
   mutable std::mutex mutex_;  // It guards everything below.
   DaemonState state_ = DaemonState::kSearching;
@@ -110,6 +123,7 @@ class DaemonStatus {
   const Camera* camera_ = nullptr;  ///< It is set while a camera streams.
   const FrameExchange* exchange_ = nullptr;  ///< It is set while a camera streams.
   const Recorder* recorder_ = nullptr;       ///< It is set while there is a recorder.
+  std::optional<AirReport> air_;
   DaemonCounts past_;                    ///< It leaves out the stream and the recorder that go on.
   std::int64_t past_results_ = 0;        ///< It counts the results of streams that are over.
   std::set<std::string> told_refusals_;  ///< These sentences have been logged.

@@ -5,9 +5,13 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <utility>
+
+#include "service/air/air_json.h"
+#include "service/program/version.h"
 
 namespace curlew {
 namespace {
@@ -34,6 +38,15 @@ std::array<std::pair<const char*, std::int64_t>, 9> causes(const StatusSnapshot&
            {"superseded", status.counts.superseded},
            {"unrecorded", status.counts.recorder.dropped},
            {"refused_packets", frames.refused_packets}}};
+}
+
+/// Returns how long ago a frame was received; null where that is not known.
+nlohmann::json age_s(std::int64_t received_ns) {
+  if (received_ns == 0) return nullptr;
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  return 1e-9 *
+         static_cast<double>(std::chrono::duration_cast<std::chrono::nanoseconds>(now).count() -
+                             received_ns);
 }
 
 }  // namespace
@@ -72,29 +85,56 @@ std::string status_fields(const StatusSnapshot& status) {
   return line;
 }
 
-std::string status_json(const StatusSnapshot& status) {
+std::string status_json(const StatusSnapshot& status, const DaemonFacts& facts) {
   const DaemonCounts& counts = status.counts;
+  const FrameCounts& frames = counts.frames;
+  const StatusWindow& window = status.window;
   nlohmann::ordered_json json;
+  json["program"] = kProgram;
+  json["config_hash"] = facts.config_hash;
+  json["camera"] = facts.camera;
+  json["uptime_s"] = status.uptime_s;
   json["state"] = name_of(status.state);
   json["reason"] = status.reason;
   json["results"] = status.results;
-  json["frames_per_s"] = status.window.frames_per_s();
-  json["n_valid"] = status.window.valid_now;
-  json["n_lost"] = status.window.lost_now;
-  json["delivered"] = counts.frames.delivered;
+  json["newest_age_s"] = age_s(status.newest_ns);
+  json["n_valid"] = window.valid_now;
+  json["n_lost"] = window.lost_now;
+  json["n_vortices"] = window.vortices_now;
+  const std::optional<double> mean_life_s = status.tracks.mean_life_s();
+  json["tracks_now"] = status.tracks.now;
+  json["tracks_begun"] = status.tracks.begun;
+  json["mean_track_life_s"] = mean_life_s ? nlohmann::json(*mean_life_s) : nlohmann::json(nullptr);
+  // What the last second was like; null where it brought nothing.
+  const bool seen = window.frames > 0;
+  const auto if_seen = [&](double value) {
+    return seen ? nlohmann::json(value) : nlohmann::json(nullptr);
+  };
+  json["frames_per_s"] = window.frames_per_s();
+  json["p50_us"] = if_seen(microseconds(window.p50_ns));
+  json["p99_us"] = if_seen(microseconds(window.p99_ns));
+  json["max_us"] = if_seen(microseconds(window.max_ns));
+  json["late"] = window.late;
+  json["delivered"] = frames.delivered;
   json["superseded"] = counts.superseded;
-  json["lost"] = counts.frames.lost;
-  json["incomplete"] = counts.frames.incomplete;
-  json["timed_out"] = counts.frames.timed_out;
-  json["aborted"] = counts.frames.aborted;
-  json["wrong_size"] = counts.frames.wrong_size;
-  json["other"] = counts.frames.other;
-  json["dropped"] = counts.frames.dropped();
-  json["refused_packets"] = counts.frames.refused_packets;
+  json["unprocessed"] = counts.unprocessed;
+  json["lost"] = frames.lost;
+  json["no_buffer"] = frames.no_buffer;
+  json["incomplete"] = frames.incomplete;
+  json["timed_out"] = frames.timed_out;
+  json["aborted"] = frames.aborted;
+  json["wrong_size"] = frames.wrong_size;
+  json["other"] = frames.other;
+  json["dropped"] = frames.dropped();
+  json["refused_packets"] = frames.refused_packets;
   json["connections"] = counts.connections;
   json["recording"] = status.recording && !counts.recorder.stopped && !status.recording_paused;
   json["recorded"] = counts.recorder.recorded;
   json["unrecorded"] = counts.recorder.dropped;
+  json["files"] = counts.recorder.files;
+  json["recording_stopped"] = counts.recorder.stopped;
+  json["free_mb"] = facts.free_mb ? nlohmann::json(*facts.free_mb) : nlohmann::json(nullptr);
+  if (status.air) json["air"] = air_json(*status.air);
   // The reason may hold a camera's name for itself, which need not be UTF-8.
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }

@@ -2,6 +2,8 @@
 // ten seconds in the log.
 #pragma once
 
+#include <cstdint>
+#include <optional>
 #include <string>
 
 #include "service/daemon/daemon_status.h"
@@ -15,8 +17,15 @@ std::string status_line(const StatusSnapshot& status);
 /// Returns the line for the log, in the form key=value.
 std::string status_fields(const StatusSnapshot& status);
 
-/// Returns the answer to `curlew control status`: one JSON object in one line.
-std::string status_json(const StatusSnapshot& status);
+/// What the daemon says of itself beside its counts.
+struct DaemonFacts {
+  std::string config_hash;
+  std::string camera;                   ///< as the configuration names it
+  std::optional<std::int64_t> free_mb;  ///< room on the recorder's disk, 10⁶ bytes; none: unknown
+};
+
+/// Returns the answer to `curlew control status`: one JSON object in one line (docs/files.md).
+std::string status_json(const StatusSnapshot& status, const DaemonFacts& facts);
 
 class StatusPrinter {
  public:

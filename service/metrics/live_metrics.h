@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "service/metrics/live_tracks.h"
 #include "service/stages.h"
 
 namespace curlew {
@@ -55,6 +56,7 @@ struct LiveMetrics {
     LiveHistogram::increase(saturated, (status & kFrameSaturated) != 0 ? 1 : 0);
     LiveHistogram::increase(vortices, static_cast<std::int64_t>(slot.vortices.size()));
     LiveHistogram::increase(overflow, static_cast<std::int64_t>(slot.vortices.overflow()));
+    tracks.add(slot.vortices, slot.frame->header);
     LiveHistogram::increase(not_converged, slot.split.converged ? 0 : 1);
     const auto now = std::memory_order_relaxed;
     vortices_now.store(static_cast<std::int64_t>(slot.vortices.size()), now);
@@ -69,6 +71,7 @@ struct LiveMetrics {
   LiveHistogram publish;
   LiveHistogram total;
   Number results{0}, late{0}, saturated{0}, vortices{0}, overflow{0}, not_converged{0};
+  LiveTracks tracks;
   Number vortices_now{0}, lenslets_now{0}, lost_now{0};  ///< of the last frame
   std::atomic<double> noise_adu{0.0};  ///< of the last frame's pixels between the spots, rms
   std::atomic<double> level_adu{0.0};  ///< in the middle of the last frame, above the dark

@@ -2,6 +2,8 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <cmath>
+
 #include "service/program/version.h"
 
 namespace curlew {
@@ -77,6 +79,13 @@ void write_findings(MetricsWriter& out, const LiveMetrics& live) {
   out.single("vortices_overflow_total", "counter", "Vortices that found no room in the list.",
              live.overflow.load());
   out.single("vortices", "gauge", "Vortices in the last frame.", live.vortices_now.load());
+  out.single("tracks", "gauge", "Vortices of the last frame that are followed.",
+             live.tracks.seen().now);
+  out.single("tracks_total", "counter", "Vortices that were ever followed.",
+             live.tracks.seen().begun);
+  out.family("track_life_seconds", "summary", "Time for which vortices were followed, at its end.");
+  out.sample("", live.tracks.seen().life_s, "_sum");
+  out.sample("", live.tracks.seen().ended, "_count");
   out.single("lenslets_valid", "gauge", "Lenslets with a slope in the last frame.",
              live.lenslets_now.load());
   out.single("lenslets_lost", "gauge", "Lenslets without a spot of their own in the last frame.",
@@ -100,7 +109,7 @@ void write_daemon(MetricsWriter& out, const StatusSnapshot& status) {
   out.family("state", "gauge", "1 for the state that the daemon is in.");
   for (const DaemonState state :
        {DaemonState::kSearching, DaemonState::kOpening, DaemonState::kStreaming,
-        DaemonState::kDegraded, DaemonState::kLost, DaemonState::kStopping})
+        DaemonState::kDegraded, DaemonState::kNoLight, DaemonState::kLost, DaemonState::kStopping})
     out.sample(fmt::format("{{state=\"{}\"}}", name_of(state)), state == status.state ? 1 : 0);
   out.single("camera_connections_total", "counter", "How often a camera was opened.",
              status.counts.connections);
@@ -115,6 +124,18 @@ void write_daemon(MetricsWriter& out, const StatusSnapshot& status) {
   out.sample(fmt::format(R"({{program="{}",build="{}"}})", kProgram, kBuildType), 1);
 }
 
+void write_air(MetricsWriter& out, const AirReport& report) {
+  const auto write = [&](const char* name, const char* help, double AirFigure::*what) {
+    out.family(name, "gauge", help);
+    for (const AirEntry& entry : entries_of(report))
+      if (std::isfinite(entry.figure.*what))
+        out.sample(fmt::format("{{figure=\"{}\"}}", entry.name), entry.figure.*what);
+  };
+  write("air", "The air in the last whole window, by figures that name their units.",
+        &AirFigure::value);
+  write("air_error", "Standard errors of those figures.", &AirFigure::error);
+}
+
 }  // namespace
 
 std::string metrics_text(const LiveMetrics& live, const StatusSnapshot& status) {
@@ -123,6 +144,7 @@ std::string metrics_text(const LiveMetrics& live, const StatusSnapshot& status) 
   write_findings(out, live);
   write_latencies(out, live);
   write_daemon(out, status);
+  if (status.air) write_air(out, *status.air);
   return std::move(out).text();
 }
 

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "core/frame.h"
 #include "core/lenslet_grid.h"
@@ -36,7 +37,8 @@ struct FrameResult {
   int n_lost = 0;     ///< lenslets without a spot of their own
   int n_islands = 0;  ///< parts of the phase that are not connected
   VortexList vortices;
-  std::int64_t dropped = 0;  ///< frames lost so far
+  std::vector<float> zernike;  ///< as FrameModes gives them; copy() leaves them alone
+  std::int64_t dropped = 0;    ///< frames lost so far
 };
 
 }  // namespace curlew

@@ -17,6 +17,7 @@ struct JsonLinesOptions {
   int keep_files = 10;  ///< So many that were put aside are kept: PATH.1 is the newest.
   int every_nth = 1;    ///< Only every nth frame gets a line.
   bool vortices_only = false;  ///< Only frames with vortices get a line.
+  bool zernike = false;        ///< Lines have Zernike coefficients.
 };
 
 /// A file never ends in half a line: what a full disk has not taken whole is taken back, and half a

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "service/air/air_json.h"
+
 namespace curlew {
 namespace {
 
@@ -22,7 +24,7 @@ nlohmann::json microseconds(std::int64_t ns) { return static_cast<double>(ns) / 
 
 }  // namespace
 
-void append_json_line(const FrameResult& result, std::string& text) {
+void append_json_line(const FrameResult& result, std::string& text, const AirReport* air) {
   const FrameHeader& header = result.header;
   nlohmann::ordered_json line;
   line["frame"] = result.frame_index;
@@ -57,6 +59,11 @@ void append_json_line(const FrameResult& result, std::string& text) {
     latency[kStages[stage].name] = microseconds(result.latency.stage_ns[stage]);
   latency["publish"] = microseconds(result.latency.publish_ns);
   latency["total"] = microseconds(result.latency.total_ns);
+  if (!result.zernike.empty()) {
+    auto& zernike = line["zernike"] = nlohmann::ordered_json::array();
+    for (const float coefficient : result.zernike) zernike.emplace_back(number(coefficient));
+  }
+  if (air != nullptr) line["air"] = air_json(*air);
   text += line.dump();
   text += '\n';
 }

@@ -42,8 +42,8 @@ JsonLines::~JsonLines() {
   if (!partial_.empty()) std::filesystem::remove(partial_, none);
 }
 
-void JsonLines::add(const FrameResult& result) {
-  append_json_line(result, buffer_);
+void JsonLines::add(const FrameResult& result, const AirReport* air) {
+  append_json_line(result, buffer_, air);
   if (partial_.empty() || buffer_.size() >= kBufferBytes) write_out();
 }
 

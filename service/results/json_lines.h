@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "service/air/air_meter.h"
 #include "service/results/frame_result.h"
 
 namespace curlew {
@@ -18,7 +19,8 @@ class JsonLines {
   JsonLines(const JsonLines&) = delete;
   JsonLines& operator=(const JsonLines&) = delete;
 
-  void add(const FrameResult& result);
+  /// air: as in append_json_line().
+  void add(const FrameResult& result, const AirReport* air = nullptr);
   void commit();
 
  private:

@@ -12,9 +12,6 @@
 namespace curlew {
 namespace {
 
-/// Seven radial orders.
-constexpr int kLastNoll = 36;
-
 Image<std::uint8_t> lit_lenslets(const Lattice& lattice) {
   Image<std::uint8_t> lit(lattice.rows(), lattice.cols());
   for (std::size_t k = 0; k < lit.size(); ++k)

@@ -11,6 +11,9 @@
 
 namespace curlew {
 
+/// The last of Noll's modes in results; with it there are seven radial orders.
+inline constexpr int kLastNoll = 36;
+
 /// Returns the modes for the plan's lit lenslets: seven radial orders, or as many as they allow.
 ModePlan modes_of(const Plan& plan);
 

@@ -8,6 +8,7 @@
 
 #include "core/stage_timer.h"
 #include "service/results/json_line.h"
+#include "service/results/mode_results.h"
 
 namespace curlew {
 namespace {
@@ -23,7 +24,12 @@ ResultWriter::ResultWriter(const std::string& path, const JsonLinesOptions& opti
     : every_nth_(options.every_nth),
       vortices_only_(options.vortices_only),
       lines_(path, options),
-      queue_(kResults, [&] { return std::make_unique<FrameResult>(capacity); }),
+      queue_(kResults,
+             [&] {
+               auto result = std::make_unique<FrameResult>(capacity);
+               if (options.zernike) result->zernike.reserve(kLastNoll);
+               return result;
+             }),
       thread_([this] { write(); }) {}
 
 std::int64_t ResultWriter::finish() {
@@ -40,6 +46,7 @@ void ResultWriter::add(const FrameSlot& slot, std::int64_t dropped) noexcept {
   FrameResult* result = queue_.claim();
   if (result == nullptr) return;
   result->copy(slot, dropped);
+  if (modes_) modes_->fit(slot, result->zernike);
   queue_.send(result);
 }
 
@@ -48,8 +55,7 @@ void ResultWriter::write() {
   FrameResult* result = nullptr;
   while (!queue_.ended()) {
     if (queue_.take_for(result, kFlushUs)) {
-      append_json_line(*result, text_);
-      ++text_lines_;
+      append(*result);
       queue_.give_back(result);
     }
     if (!lines_.is_stream() && text_.size() < kBufferBytes &&
@@ -59,6 +65,19 @@ void ResultWriter::write() {
     flushed = std::chrono::steady_clock::now();
   }
   write_out();
+}
+
+void ResultWriter::tell_air(const AirReport& report) {
+  const std::lock_guard lock(air_mutex_);
+  air_ = report;
+}
+
+void ResultWriter::append(const FrameResult& result) {
+  std::unique_lock lock(air_mutex_);
+  const std::optional<AirReport> air = std::exchange(air_, std::nullopt);
+  lock.unlock();
+  append_json_line(result, text_, air ? &*air : nullptr);
+  ++text_lines_;
 }
 
 /// Writes the lines, or counts them where that cannot be done. Logs when trouble begins and ends.

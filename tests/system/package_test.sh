@@ -192,7 +192,7 @@ purge
 quietly dpkg --audit
 
 echo "== python3-curlew"
-python_deb=$(echo python3-curlew_*_all.deb)
+python_deb=$(echo python3-curlew_*.deb)
 dpkg-deb -c "$python_deb" | awk '$1 !~ /^d/ {print $2, $6}'
 if dpkg-deb -c "$python_deb" | grep pycache; then fail "byte code is packed"; fi
 for file in $(dpkg-deb -c "$python_deb" | awk '$1 !~ /^d/ {print $6}'); do
@@ -200,7 +200,7 @@ for file in $(dpkg-deb -c "$python_deb" | awk '$1 !~ /^d/ {print $6}'); do
 done
 if dpkg-query -W python3-astropy >/dev/null 2>&1; then
   quietly dpkg -i "$python_deb"
-  quietly /usr/bin/python3 -c 'import curlew; curlew.Stream, curlew.read_results'
+  quietly /usr/bin/python3 -c 'import curlew; curlew.Stream, curlew.read_results, curlew.Pipeline'
   quietly dpkg --purge python3-curlew
   [ "$(traces)" = "$before" ] || { traces; fail "left behind by python3-curlew"; }
 fi

@@ -111,6 +111,42 @@ TEST_F(EdgeOfDaemon, StatusIsAnsweredWhateverBytesTheCameraIsCalledBy) {
   EXPECT_NE(answer.find("streaming"), std::string::npos) << answer;
 }
 
+TEST_F(EdgeOfDaemon, SaysAllThatItKnowsOfItselfAndGivesAFrame) {
+  Config socket = config();
+  socket.camera.frame_rate_hz = 2.0;
+  socket.daemon.control = folder_ / "control";
+  Daemon daemon([&] { return socket; }, {});
+  std::string status;
+  std::string metrics;
+  std::string snapshot;
+  std::thread asks([&] {
+    // Until a frame comes there is none to take.
+    for (int i = 0; i < 100 && snapshot.rfind("SIMPLE", 0) != 0; ++i) {
+      std::this_thread::sleep_for(10ms);
+      try {
+        snapshot = ask_daemon(socket.daemon.control, "snapshot");
+        metrics = ask_daemon(socket.daemon.control, "metrics");
+        status = ask_daemon(socket.daemon.control, "status");
+      } catch (const Failure&) {  // the daemon has ended
+        break;
+      }
+    }
+  });
+  daemon.run();
+  asks.join();
+  EXPECT_EQ(snapshot.size() % 2880, 0U);
+  EXPECT_NE(snapshot.find("CURLEW RESULTS"), std::string::npos);
+  EXPECT_NE(metrics.find("\ncurlew_frames_total{outcome=\"result\"} "), std::string::npos);
+  EXPECT_EQ(metrics.back(), '\n');
+  for (const std::string field :
+       {"program",           "config_hash", "camera",  "uptime_s",   "newest_age_s", "n_vortices",
+        "frames_per_s",      "p50_us",      "p99_us",  "max_us",     "late",         "unprocessed",
+        "no_buffer",         "timed_out",   "aborted", "wrong_size", "other",        "files",
+        "recording_stopped", "free_mb"})
+    EXPECT_NE(status.find('"' + field + "\":"), std::string::npos) << field << ": " << status;
+  EXPECT_NE(status.find(config_hash(socket)), std::string::npos) << status;
+}
+
 TEST_F(EdgeOfDaemon, AReloadBeforeTheFirstConnectionRefusesASensorForOtherFrames) {
   SimulatorOptions larger = few_frames();
   larger.window_px = kWindow + 2;

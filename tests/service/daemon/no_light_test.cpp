@@ -48,8 +48,8 @@ TEST_F(NoLight, IsAState) {
   status_.enter(DaemonState::kStreaming, "");
   const StatusSnapshot dark = second(true);
   EXPECT_EQ(dark.state, DaemonState::kNoLight);
-  EXPECT_NE(status_json(dark).find("\"state\":\"no light\""), std::string::npos)
-      << status_json(dark);
+  EXPECT_NE(status_json(dark, {}).find("\"state\":\"no light\""), std::string::npos)
+      << status_json(dark, {});
   EXPECT_NE(status_fields(dark).find("state=no_light results=2"), std::string::npos);
   EXPECT_EQ(status_line(dark).rfind("no light", 0), 0U);
   const StatusSnapshot lit = second(false);

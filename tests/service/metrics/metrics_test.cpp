@@ -75,6 +75,19 @@ TEST(Metrics, EveryFrameHasOneOutcome) {
   EXPECT_EQ(found.at("curlew_state{state=\"lost\"}"), 0);
 }
 
+TEST(Metrics, TellOfTheAirWhatIsKnown) {
+  StatusSnapshot status;
+  EXPECT_EQ(metrics_text({}, status).find("curlew_air"), std::string::npos);
+  status.air.emplace();
+  status.air->figures.scintillation = {0.25, 0.01};
+  auto found = samples(metrics_text({}, status));
+  EXPECT_EQ(found.at("curlew_air{figure=\"scintillation_index\"}"), 0.25);
+  EXPECT_EQ(found.at("curlew_air_error{figure=\"scintillation_index\"}"), 0.01);
+  EXPECT_EQ(found.count("curlew_air{figure=\"r0_pitches\"}"), 0U) << "it is not known";
+  status.state = DaemonState::kNoLight;
+  EXPECT_EQ(samples(metrics_text({}, status)).at("curlew_state{state=\"no light\"}"), 1);
+}
+
 class MetricsServerTest : public ::testing::Test {
  protected:
   MetricsServer server_{{.listen = "127.0.0.1:0"}, [] { return std::string("a 1\n"); }};
