@@ -55,6 +55,7 @@ struct CameraOptions {
   double exposure_us = 0.0;
   double gain_db = -1.0;
   double frame_rate_hz = 0.0;  ///< also the rate of sim: and file:, where 0 means 1000 Hz
+  double readout_us = 0.0;     ///< sim: and file: from first row to last; 0: frames come whole
   Trigger trigger = Trigger::kAsIs;
   std::string trigger_line = "Line0";
   /// Any other GenICam features, name and value, which are set in this order and before the above.

@@ -30,6 +30,11 @@ std::uint16_t usb_id(const std::string& word, const std::string& source) {
   return static_cast<std::uint16_t>(value);
 }
 
+/// Returns how a camera of recorded or simulated frames sends them.
+Pace pace_of(const CameraOptions& options) {
+  return {.rate_hz = options.frame_rate_hz, .readout_us = options.readout_us};
+}
+
 }  // namespace
 
 std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadStart& thread_start) {
@@ -38,10 +43,12 @@ std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadSt
   if (colon == std::string::npos) refuse(source);
   const std::string kind = source.substr(0, colon);
   const std::string name = source.substr(colon + 1);
+  if (options.readout_us > 0.0 && kind != "sim" && kind != "file")
+    throw UsageError("camera.readout_us is for sim: and file: cameras; leave it out for " + source);
   if (kind == "aravis") return open_aravis_camera(name, options, thread_start);
   if (kind == "isio") return open_stream_camera(name, thread_start);
-  if (kind == "sim") return open_simulated_camera(name, options.frame_rate_hz, thread_start);
-  if (kind == "file") return open_file_camera(name, options.frame_rate_hz, thread_start);
+  if (kind == "sim") return open_simulated_camera(name, pace_of(options), thread_start);
+  if (kind == "file") return open_file_camera(name, pace_of(options), thread_start);
   if (kind != "usb") refuse(source);
   const std::size_t middle = name.find(':');
   if (middle == std::string::npos) refuse(source);

@@ -12,6 +12,8 @@
 #include "acquisition/loop_source.h"
 #include "acquisition/recording/fits_source.h"
 #include "acquisition/simulator/simulator.h"
+#include "core/error.h"
+#include "core/readout.h"
 #include "core/utc_now.h"
 
 namespace curlew {
@@ -22,15 +24,28 @@ using Clock = std::chrono::steady_clock;
 constexpr double kDefaultRateHz = 1000.0;
 constexpr std::int64_t kFramesDrawn = 100;
 
-double rate_or_default(double rate_hz) { return rate_hz > 0.0 ? rate_hz : kDefaultRateHz; }
+Clock::duration duration_of(double seconds) {
+  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+}
+
+/// Returns the pace with its rate, which must leave time for the readout.
+Pace checked(Pace pace) {
+  if (!(pace.rate_hz > 0.0)) pace.rate_hz = kDefaultRateHz;
+  if (pace.readout_us * 1e-6 * pace.rate_hz > 1.0) {
+    throw UsageError(
+        "camera.readout_us is longer than the time between two frames; lower it, or "
+        "camera.frame_rate_hz");
+  }
+  return pace;
+}
 
 class PacedCamera final : public Camera {
  public:
-  PacedCamera(std::unique_ptr<FrameSource> source, double rate_hz, PacedCameraNature nature,
+  PacedCamera(std::unique_ptr<FrameSource> source, const Pace& pace, PacedCameraNature nature,
               ThreadStart thread_start)
       : source_(std::move(source)),
-        period_(std::chrono::duration_cast<Clock::duration>(
-            std::chrono::duration<double>(1.0 / rate_hz))),
+        period_(duration_of(1.0 / pace.rate_hz)),
+        readout_(duration_of(pace.readout_us * 1e-6)),
         nature_(std::move(nature)),
         thread_start_(std::move(thread_start)),
         scratch_(source_->format()) {}
@@ -64,6 +79,7 @@ class PacedCamera final : public Camera {
   FrameCounts counts() const override {
     FrameCounts counts;
     counts.delivered = delivered_.load(std::memory_order_relaxed);
+    counts.aborted = aborted_.load(std::memory_order_relaxed);
     counts.lost = counts.no_buffer = lost_.load(std::memory_order_relaxed);
     return counts;
   }
@@ -76,6 +92,52 @@ class PacedCamera final : public Camera {
       std::this_thread::sleep_until(std::min(due, Clock::now() + kLookUp));
   }
 
+  /// Does the same without being late by the time that a wake-up takes.
+  void wait_closely_until(Clock::time_point due) const {
+    constexpr auto kWakeUp = std::chrono::microseconds(100);
+    wait_until(due - kWakeUp);
+    while (!stopping_ && Clock::now() < due) std::this_thread::yield();
+  }
+
+  static void stamp(FrameHeader& header) {
+    header.received_ns = utc_now_ns();
+    header.received = Clock::now();
+  }
+
+  /// Hands the frame on with its first rows, and copies each row of scratch_ when it is due.
+  /// Returns a buffer to fill, or nullptr.
+  FrameBuffer* read_out(FrameExchange& exchange, FrameBuffer& frame) {
+    constexpr int kRowsAtOnce = 4;
+    const int rows = frame.format().rows;
+    const std::size_t row_bytes = frame.format().bytes() / static_cast<std::size_t>(rows);
+    const auto start = Clock::now();
+    FrameBuffer* superseded = nullptr;
+    int done = 0;
+    while (done < rows) {
+      const int next = std::min(done + kRowsAtOnce, rows);
+      wait_closely_until(start + readout_ * next / rows);
+      if (stopping_) break;
+      const std::size_t first_byte = static_cast<std::size_t>(done) * row_bytes;
+      std::copy_n(scratch_.data() + first_byte, static_cast<std::size_t>(next - done) * row_bytes,
+                  frame.data() + first_byte);
+      if (next == rows) {
+        stamp(frame.header);
+        delivered_.fetch_add(1, std::memory_order_relaxed);
+        exchange.count_delivered();
+      }
+      announce_rows(frame, next);
+      if (done == 0) superseded = exchange.hand_on(&frame);
+      done = next;
+    }
+    if (done == rows) return superseded;
+    aborted_.fetch_add(1, std::memory_order_relaxed);
+    if (done == 0) return &frame;  // Nobody has seen it.
+    break_off(frame);
+    if (!exchange.take_back(&frame)) return superseded;
+    if (superseded != nullptr) exchange.put_back(superseded);
+    return &frame;
+  }
+
   void send(FrameExchange& exchange) {
     if (thread_start_) thread_start_();
     try {
@@ -85,7 +147,8 @@ class PacedCamera final : public Camera {
       bool gap = false;
       while (!stopping_) {
         if (buffer == nullptr) buffer = exchange.empty();
-        FrameBuffer& into = buffer != nullptr ? *buffer : scratch_;
+        const bool rolling = readout_ > Clock::duration::zero();
+        FrameBuffer& into = buffer != nullptr && !rolling ? *buffer : scratch_;
         if (source_->next(into) == Delivery::kEnd) break;
         wait_until(due);
         // If the rate cannot be kept, frames that are late are not caught up with in a burst.
@@ -97,13 +160,17 @@ class PacedCamera final : public Camera {
           continue;
         }
         FrameHeader& header = buffer->header;
+        header = into.header;
         header.sequence = sequence;
         header.renumbered = std::exchange(first, false);
-        header.received_ns = utc_now_ns();
-        header.received = Clock::now();
         header.status = std::exchange(gap, false) ? kFrameGapBefore : kFrameOk;
-        delivered_.fetch_add(1, std::memory_order_relaxed);
-        buffer = exchange.deliver(buffer);
+        if (rolling) {
+          buffer = read_out(exchange, *buffer);
+        } else {
+          stamp(header);
+          delivered_.fetch_add(1, std::memory_order_relaxed);
+          buffer = exchange.deliver(buffer);
+        }
       }
     } catch (const std::exception& error) {
       const std::lock_guard lock(mutex_);
@@ -114,12 +181,15 @@ class PacedCamera final : public Camera {
 
   std::unique_ptr<FrameSource> source_;
   Clock::duration period_;
+  Clock::duration readout_;  ///< of a frame; 0 if it comes whole
   PacedCameraNature nature_;
   ThreadStart thread_start_;
-  FrameBuffer scratch_;  ///< takes the frames for which there is no buffer
+  /// Takes the frames for which there is no buffer, and those that are read out row by row.
+  FrameBuffer scratch_;
   std::thread thread_;
   std::atomic<bool> stopping_{false};
   std::atomic<std::int64_t> delivered_{0};
+  std::atomic<std::int64_t> aborted_{0};
   std::atomic<std::int64_t> lost_{0};
   std::int64_t next_sequence_ = 0;
   mutable std::mutex mutex_;
@@ -138,17 +208,17 @@ LoopSource::Frames draw_frames(Simulator& simulator) {
 
 }  // namespace
 
-std::unique_ptr<Camera> make_paced_camera(std::unique_ptr<FrameSource> source, double rate_hz,
+std::unique_ptr<Camera> make_paced_camera(std::unique_ptr<FrameSource> source, const Pace& pace,
                                           PacedCameraNature nature, ThreadStart thread_start) {
-  return std::make_unique<PacedCamera>(std::move(source), rate_or_default(rate_hz),
-                                       std::move(nature), std::move(thread_start));
+  return std::make_unique<PacedCamera>(std::move(source), checked(pace), std::move(nature),
+                                       std::move(thread_start));
 }
 
-std::unique_ptr<Camera> open_file_camera(const std::string& path, double rate_hz,
+std::unique_ptr<Camera> open_file_camera(const std::string& path, const Pace& pace,
                                          const ThreadStart& thread_start) {
   auto source = std::make_unique<FitsSource>(std::vector<std::string>{path});
   PacedCameraNature nature{"recording " + path, source->optics(), source->detector()};
-  return make_paced_camera(std::move(source), rate_hz, std::move(nature), thread_start);
+  return make_paced_camera(std::move(source), pace, std::move(nature), thread_start);
 }
 
 SimulatorOptions simulated_camera_options(const std::string& preset) {
@@ -158,11 +228,11 @@ SimulatorOptions simulated_camera_options(const std::string& preset) {
   return options;
 }
 
-std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, double rate_hz,
+std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, const Pace& pace,
                                               const ThreadStart& thread_start) {
   Simulator simulator(simulated_camera_options(preset));
   return make_paced_camera(
-      std::make_unique<LoopSource>(draw_frames(simulator)), rate_hz,
+      std::make_unique<LoopSource>(draw_frames(simulator)), pace,
       {"simulated camera, preset " + preset, simulator.optics(), simulator.detector()},
       thread_start);
 }

@@ -18,20 +18,28 @@ struct PacedCameraNature {
   Detector detector;
 };
 
-/// Makes a camera that sends the frames of the source at rate_hz and waits for nobody: if no buffer
+/// Says how a PacedCamera sends its frames.
+struct Pace {
+  double rate_hz = 0.0;  ///< 0 means 1000 Hz
+  /// The time from a frame's first row to its last, as of a rolling shutter; the pipeline gets each
+  /// row when it is due. 0: a frame comes whole. Throws UsageError if it is longer than a period.
+  double readout_us = 0.0;
+};
+
+/// Makes a camera that sends the frames of the source at a pace and waits for nobody: if no buffer
 /// is free, the frame is lost and counted. Frame numbers count from 0. The camera closes the
-/// exchange after the last frame. rate_hz 0 means 1000 Hz.
-std::unique_ptr<Camera> make_paced_camera(std::unique_ptr<FrameSource> source, double rate_hz,
+/// exchange after the last frame. A frame whose readout the stop of the camera breaks off counts as
+/// aborted.
+std::unique_ptr<Camera> make_paced_camera(std::unique_ptr<FrameSource> source, const Pace& pace,
                                           PacedCameraNature nature, ThreadStart thread_start);
 
-/// Opens a recording as a camera that sends it once. rate_hz 0 means 1000 Hz. Throws what
-/// FitsSource throws.
-std::unique_ptr<Camera> open_file_camera(const std::string& path, double rate_hz,
+/// Opens a recording as a camera that sends it once. Throws what FitsSource throws.
+std::unique_ptr<Camera> open_file_camera(const std::string& path, const Pace& pace,
                                          const ThreadStart& thread_start);
 
 /// Opens a camera of simulated frames of a preset, which are drawn beforehand and sent over and
-/// over, without end. rate_hz 0 means 1000 Hz. Throws UsageError for an unknown preset.
-std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, double rate_hz,
+/// over, without end. Throws UsageError for an unknown preset.
+std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, const Pace& pace,
                                               const ThreadStart& thread_start);
 
 /// Returns the options with which open_simulated_camera() simulates a preset: 16×16 lenslets, seed

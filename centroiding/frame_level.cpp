@@ -73,24 +73,30 @@ float block_median(const float* v, int n) noexcept {
                          median_of_three(v[6], v[7], v[8]));
 }
 
+/// Measures rows [first, last) of the blocks.
 template <typename Count>
-void measure_blocks(const LevelPlan& plan, const LevelPixel* pixel, const Count* counts,
-                    FrameLevels& levels) noexcept {
+void measure_blocks(const LevelPlan& plan, const LevelPixel* pixel, const Count* counts, int first,
+                    int last, FrameLevels& levels) noexcept {
   const int n = plan.block_pixels();
-  float* value = levels.values.data();
-  for (float& corner : levels.corner) {
+  const std::size_t cols = as_size(levels.corner.cols());
+  const std::size_t begin = as_size(first) * cols;
+  const std::size_t end = as_size(last) * cols;
+  pixel += begin * as_size(n);
+  float* value = levels.values.data() + begin * as_size(n);
+  for (std::size_t k = begin; k < end; ++k) {
     for (int i = 0; i < n; ++i)
       value[i] = pixel[i].gain * static_cast<float>(counts[pixel[i].index]) - pixel[i].offset;
-    corner = block_median(value, n);
+    levels.corner[k] = block_median(value, n);
     pixel += n;
     value += n;
   }
 }
 
-/// Smooths along columns of `from`, by a median that is symmetrical about each place.
-void smooth_down(const Image<float>& from, Image<float>& to) noexcept {
+/// Smooths rows [first, end) along columns of `from`, by a median that is symmetrical about each
+/// place.
+void smooth_down(const Image<float>& from, int first, int end, Image<float>& to) noexcept {
   const int last = from.rows() - 1;
-  for (int r = 0; r <= last; ++r) {
+  for (int r = first; r < end; ++r) {
     const int reach = std::min({2, r, last - r});
     const float* a = &from(r - reach, 0);
     const float* b = &from(r - reach / 2, 0);
@@ -107,9 +113,9 @@ void smooth_down(const Image<float>& from, Image<float>& to) noexcept {
   }
 }
 
-void smooth_across(const Image<float>& from, Image<float>& to) noexcept {
+void smooth_across(const Image<float>& from, int first, int end, Image<float>& to) noexcept {
   const int last = from.cols() - 1;
-  for (int r = 0; r < from.rows(); ++r) {
+  for (int r = first; r < end; ++r) {
     const float* row = &from(r, 0);
     float* out = &to(r, 0);
     for (int c = 2; c <= last - 2; ++c)
@@ -159,6 +165,13 @@ float noise_of(std::span<float> residuals) noexcept {
     ++n;
   }
   return n > 0 ? std::sqrt(static_cast<float>(sum / n) / kKept) : 0.0F;
+}
+
+/// By how much the highest level may differ from one frame to the next.
+float margin_of(const FrameLevels& levels) noexcept {
+  constexpr float kCount = 0.5F;
+  constexpr float kOfLevel = 0.1F;
+  return levels.noise + kCount + kOfLevel * std::abs(levels.highest);
 }
 
 }  // namespace
@@ -219,28 +232,70 @@ FrameLevels::FrameLevels(const LevelPlan& plan)
       corner(plan.rows() + 1, plan.cols() + 1),
       scratch(plan.rows(), plan.cols()),
       values(plan.pixels().size()),
-      residuals(std::min(values.size(), kMaxResiduals) + 1) {}
+      residuals(std::min(values.size(), kMaxResiduals) + 1),
+      raw(plan.rows(), plan.cols()) {}
 
-void measure_levels(const LevelPlan& plan, const std::vector<LevelPixel>& pixels, FrameView frame,
-                    FrameLevels& levels) noexcept {
+void begin_levels(FrameLevels& levels) noexcept {
+  levels.corner_rows = levels.raw_rows = levels.rows = 0;
+}
+
+void measure_level_rows(const LevelPlan& plan, const std::vector<LevelPixel>& pixels,
+                        FrameView frame, int corner_rows, FrameLevels& levels) noexcept {
   check_size("measure_levels", "a frame", {frame.rows, frame.cols},
              {plan.frame_rows(), plan.frame_cols()});
   check_size("measure_levels", "levels", size_of(levels.level), size_of(plan));
+  if (corner_rows <= levels.corner_rows) return;
   if (frame.pixel_type == PixelType::kU16)
-    measure_blocks(plan, pixels.data(), frame.data<std::uint16_t>(), levels);
+    measure_blocks(plan, pixels.data(), frame.data<std::uint16_t>(), levels.corner_rows,
+                   corner_rows, levels);
   else
-    measure_blocks(plan, pixels.data(), frame.data<std::uint8_t>(), levels);
-  for (int r = 0; r < plan.rows(); ++r) {
+    measure_blocks(plan, pixels.data(), frame.data<std::uint8_t>(), levels.corner_rows, corner_rows,
+                   levels);
+  levels.corner_rows = corner_rows;
+  for (; levels.raw_rows + 1 < corner_rows; ++levels.raw_rows) {
+    const int r = levels.raw_rows;
     const float* upper = &levels.corner(r, 0);
     const float* lower = &levels.corner(r + 1, 0);
     for (int c = 0; c < plan.cols(); ++c)
-      levels.level(r, c) = median_of_four(upper[c], upper[c + 1], lower[c], lower[c + 1]);
+      levels.raw(r, c) = median_of_four(upper[c], upper[c + 1], lower[c], lower[c + 1]);
   }
-  smooth_down(levels.level, levels.scratch);
-  smooth_across(levels.scratch, levels.level);
+  constexpr int kReach = 2;
+  const int end = levels.raw_rows == plan.rows() ? plan.rows() : levels.raw_rows - kReach;
+  if (end <= levels.rows) return;
+  smooth_down(levels.raw, levels.rows, end, levels.scratch);
+  smooth_across(levels.scratch, levels.rows, end, levels.level);
+  levels.rows = end;
+}
+
+void finish_levels(const LevelPlan& plan, FrameLevels& levels) noexcept {
+  levels.highest = *std::max_element(levels.level.begin(), levels.level.end());
   levels.noise = noise_of({levels.residuals.data(), collect_residuals(plan, levels)});
-  levels.threshold = plan.threshold(levels.noise);
-  levels.pixel_variance = plan.pixel_variance(levels.noise);
+  go_by(plan, {.noise = levels.noise, .bound = levels.highest}, levels);
+}
+
+LevelForecast forecast_after(const FrameLevels& levels) noexcept {
+  return {.noise = levels.noise, .bound = levels.highest + margin_of(levels)};
+}
+
+bool came_true(const LevelForecast& forecast, const FrameLevels& levels) noexcept {
+  constexpr float kNoiseHeld = 0.125F;
+  const float below = forecast.bound - levels.highest;
+  return forecast.noise >= 0.0F &&
+         std::abs(levels.noise - forecast.noise) <= kNoiseHeld * forecast.noise && below >= 0.0F &&
+         below <= 2.0F * margin_of(levels);
+}
+
+void go_by(const LevelPlan& plan, const LevelForecast& forecast, FrameLevels& levels) noexcept {
+  levels.threshold = plan.threshold(forecast.noise);
+  levels.pixel_variance = plan.pixel_variance(forecast.noise);
+  levels.bound = forecast.bound;
+}
+
+void measure_levels(const LevelPlan& plan, const std::vector<LevelPixel>& pixels, FrameView frame,
+                    FrameLevels& levels) noexcept {
+  begin_levels(levels);
+  measure_level_rows(plan, pixels, frame, plan.rows() + 1, levels);
+  finish_levels(plan, levels);
 }
 
 }  // namespace curlew

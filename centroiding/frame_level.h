@@ -94,6 +94,14 @@ struct FrameLevels {
   Image<float> scratch;
   std::vector<float> values;  ///< of all blocks' pixels
   std::vector<float> residuals;
+  Image<float> raw;  ///< [rows, cols] before it is smoothed
+
+  float highest = 0;  ///< of `level`, counts
+  float bound = 0;    ///< counts that no level exceeds, by which sharp pixels are sought
+  // How many rows have been measured of a frame that is still arriving.
+  int corner_rows = 0;
+  int raw_rows = 0;
+  int rows = 0;  ///< of `level`
 };
 
 /// Measures the level and the noise of one frame, of the plan's format, in the pixels that
@@ -105,5 +113,33 @@ struct FrameLevels {
 /// count. The noise is the rms of the blocks' pixels about the level, beyond 3 σ cut off.
 void measure_levels(const LevelPlan& plan, const std::vector<LevelPixel>& pixels, FrameView frame,
                     FrameLevels& levels) noexcept;
+
+/// Measures as many rows of the level as the first `corner_rows` rows of blocks allow, for frames
+/// that are still arriving. FrameLevels::rows says how many these are, and begins at 0.
+void measure_level_rows(const LevelPlan& plan, const std::vector<LevelPixel>& pixels,
+                        FrameView frame, int corner_rows, FrameLevels& levels) noexcept;
+
+/// Finds the noise and what follows from it, once all rows are measured.
+void finish_levels(const LevelPlan& plan, FrameLevels& levels) noexcept;
+
+/// Begins a frame that is still arriving.
+void begin_levels(FrameLevels& levels) noexcept;
+
+/// What a frame's noise and level are taken for before it is whole.
+struct LevelForecast {
+  float noise = -1.0F;  ///< counts; negative where nothing is known
+  float bound = 0.0F;   ///< counts that no level exceeds
+};
+
+/// Returns the forecast for the frame that follows the one of these levels.
+LevelForecast forecast_after(const FrameLevels& levels) noexcept;
+
+/// Returns whether the forecast came true: the frame's noise differs by less than an eighth, which
+/// is 3.5 standard deviations of the difference between two frames, and its levels come near the
+/// bound and do not exceed it.
+bool came_true(const LevelForecast& forecast, const FrameLevels& levels) noexcept;
+
+/// Sets levels.threshold, pixel_variance and bound to what follows from the forecast.
+void go_by(const LevelPlan& plan, const LevelForecast& forecast, FrameLevels& levels) noexcept;
 
 }  // namespace curlew

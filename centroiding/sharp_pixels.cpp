@@ -72,20 +72,22 @@ hn::Vec<D> load(D d, const std::uint8_t* p) {
   return hn::PromoteTo(d, hn::LoadU(hn::Rebind<std::uint8_t, D>(), p));
 }
 
-/// Lists the pixels of the frame that pass the rough test, but for those of its rim, which have too
-/// few neighbours. It walks the frame's memory straight on, over the ends of rows: the last pixel
-/// of a row stands beside the first of the next, and both are of the rim. There must be more than a
-/// vector of pixels between the first row and the last.
+/// Lists the pixels of rows [first_row, last_row) that pass the rough test, but for those of the
+/// frame's rim, which have too few neighbours. It walks the frame's memory straight on, over the
+/// ends of rows: the last pixel of a row stands beside the first of the next, and both are of the
+/// rim. There must be more than a vector of pixels between the frame's first row and `last_row`.
 template <class D, typename Pixel>
-void look_over(D d, FrameView frame, RoughTest test, FixedList<SharpPixel>& candidates) {
+void look_over(D d, FrameView frame, int first_row, int last_row, RoughTest test,
+               FixedList<SharpPixel>& candidates) {
   using V = hn::Vec<D>;
   const auto cols = static_cast<std::ptrdiff_t>(frame.cols);
   const auto lanes = static_cast<std::ptrdiff_t>(hn::Lanes(d));
-  const std::ptrdiff_t end = cols * (frame.rows - 1);
+  const std::ptrdiff_t begin = cols * first_row;
+  const std::ptrdiff_t end = cols * last_row;
   const V steepness = hn::Set(d, test.steepness);
   const V dark = hn::Set(d, test.dark);
   const V margin = hn::Set(d, test.margin);
-  for (std::ptrdiff_t first = cols; first < end; first += lanes) {
+  for (std::ptrdiff_t first = begin; first < end; first += lanes) {
     const std::ptrdiff_t at = std::min(first, end - lanes);  // The last vector is shifted back.
     const Pixel* p = frame.data<Pixel>() + at;
     const V here = load(d, p);
@@ -115,22 +117,24 @@ void look_over(D d, FrameView frame, RoughTest test, FixedList<SharpPixel>& cand
 }
 
 template <typename Pixel>
-void look_over(FrameView frame, RoughTest test, FixedList<SharpPixel>& candidates) {
+void look_over(FrameView frame, int first_row, int last_row, RoughTest test,
+               FixedList<SharpPixel>& candidates) {
   const hn::CappedTag<std::uint16_t, 32> wide;
   const hn::CappedTag<std::uint16_t, 8> narrow;
-  const std::int64_t inner = std::int64_t{frame.cols} * (frame.rows - 2);
-  if (inner >= static_cast<std::int64_t>(hn::Lanes(wide))) {
-    look_over<decltype(wide), Pixel>(wide, frame, test, candidates);
-  } else if (inner >= static_cast<std::int64_t>(hn::Lanes(narrow))) {
-    look_over<decltype(narrow), Pixel>(narrow, frame, test, candidates);
+  const std::int64_t before = std::int64_t{frame.cols} * (last_row - 1);
+  if (before >= static_cast<std::int64_t>(hn::Lanes(wide))) {
+    look_over<decltype(wide), Pixel>(wide, frame, first_row, last_row, test, candidates);
+  } else if (before >= static_cast<std::int64_t>(hn::Lanes(narrow))) {
+    look_over<decltype(narrow), Pixel>(narrow, frame, first_row, last_row, test, candidates);
   }
 }
 
-void look(FrameView frame, RoughTest test, FixedList<SharpPixel>& candidates) {
+void look(FrameView frame, int first_row, int last_row, RoughTest test,
+          FixedList<SharpPixel>& candidates) {
   if (frame.pixel_type == PixelType::kU16)
-    look_over<std::uint16_t>(frame, test, candidates);
+    look_over<std::uint16_t>(frame, first_row, last_row, test, candidates);
   else
-    look_over<std::uint8_t>(frame, test, candidates);
+    look_over<std::uint8_t>(frame, first_row, last_row, test, candidates);
 }
 
 }  // namespace
@@ -174,6 +178,38 @@ bool contains(const CentroidPlan::Spot& spot, int x, int y) noexcept {
   return x >= spot.x0 && x < spot.x0 + spot.w && y >= spot.y0 && y < spot.y0 + spot.h;
 }
 
+/// Lists the candidate with every lenslet whose sharp pixel it is. Returns false, and does nothing,
+/// if the level of these lenslets is not known yet.
+bool assign(const SharpPixelPlan& plan, const CentroidPlan& centroid,
+            const Image<CentroidPlan::Spot>& windows, FrameView frame, const FrameLevels& levels,
+            const SharpPixel& candidate, SharpPixels& sharp) noexcept {
+  const int rows = windows.rows(), cols = windows.cols();
+  int r0 = 0, c0 = 0;
+  double moved_x = 0.0, moved_y = 0.0;
+  for (int i = 0; i < 2; ++i) {  // Windows may have been moved, and neighbours about alike.
+    const auto [col, row] =
+        plan.grid.lenslet_from_pixel(candidate.x - moved_x, candidate.y - moved_y);
+    r0 = std::clamp(static_cast<int>(std::lround(row)), 0, rows - 1);
+    c0 = std::clamp(static_cast<int>(std::lround(col)), 0, cols - 1);
+    moved_x = windows(r0, c0).x0 - centroid.spots(r0, c0).x0;
+    moved_y = windows(r0, c0).y0 - centroid.spots(r0, c0).y0;
+  }
+  const int last = std::min(r0 + 1, rows - 1);
+  if (last >= levels.rows) return false;
+  for (int r = std::max(r0 - 1, 0); r <= last; ++r) {
+    for (int c = std::max(c0 - 1, 0); c <= std::min(c0 + 1, cols - 1); ++c) {
+      const std::size_t k = as_size(r) * as_size(cols) + as_size(c);
+      const CentroidPlan::Spot& spot = windows[k];
+      if (spot.state == LensletState::kUnlit || !contains(spot, candidate.x, candidate.y) ||
+          !is_sharp(plan, centroid, frame, levels, k, candidate.x, candidate.y))
+        continue;
+      const auto index = static_cast<std::int32_t>(sharp.pixels.size());
+      if (sharp.pixels.push({candidate.x, candidate.y, sharp.first[k]})) sharp.first[k] = index;
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 SharpPixelPlan::SharpPixelPlan(const Sensor& sensor, const FrameFormat& format)
@@ -202,53 +238,59 @@ SharpPixels::SharpPixels(int rows, int cols)
       candidates(pixels.capacity()),
       first(rows, cols, -1) {}
 
+void begin_sharp_pixels(SharpPixels& sharp) noexcept {
+  sharp.candidates.clear();
+  sharp.pixels.clear();
+  sharp.first.fill(-1);
+  sharp.pixel_rows = 0;
+  sharp.assigned = 0;
+}
+
+int find_sharp_pixels_rows(const SharpPixelPlan& plan, const CentroidPlan& centroid,
+                           const Image<CentroidPlan::Spot>& windows, FrameView frame, int ready,
+                           const FrameLevels& levels, SharpPixels& sharp) noexcept {
+  check_size("find_sharp_pixels", "a frame", {frame.rows, frame.cols},
+             {centroid.frame_rows, centroid.frame_cols});
+  check_size("find_sharp_pixels", "lenslets", size_of(sharp.first), size_of(centroid.spots));
+  check_size("find_sharp_pixels", "windows", size_of(windows), size_of(centroid.spots));
+  if (plan.sharpness <= 0.0F) return ready;
+  // The row below each must be there, and those at the frame's rim have too few neighbours.
+  const int first = std::max(sharp.pixel_rows, 1);
+  const int last = ready - 1;
+  constexpr std::int64_t kLanes = 32;  // Before the frame is whole, a vector must fit.
+  const bool wide = std::int64_t{frame.cols} * (last - 1) >= kLanes;
+  if (first < last && (wide || ready == frame.rows)) {
+    // Above a dark level L, light > q·second + m is count > q·second + m − (q − 1)·L. The highest L
+    // makes the rough test let through all of these. Since no light counts as less than 0, each of
+    // them also exceeds its second brightest neighbour by m, which noise hardly ever does.
+    const RoughTest test = rough_test(plan.sharpness, plan.dark + levels.bound,
+                                      kSigmas * std::sqrt(levels.pixel_variance));
+    HWY_DYNAMIC_DISPATCH(look)(frame, first, last, test, sharp.candidates);
+    sharp.pixel_rows = last;
+  }
+  while (sharp.assigned < sharp.candidates.size()) {
+    const SharpPixel& candidate = sharp.candidates[sharp.assigned];
+    if (!assign(plan, centroid, windows, frame, levels, candidate, sharp)) return candidate.y;
+    ++sharp.assigned;
+  }
+  return ready == frame.rows ? ready : sharp.pixel_rows;
+}
+
 void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
                        const Image<CentroidPlan::Spot>& windows, FrameView frame,
                        const FrameLevels& levels, SharpPixels& sharp) noexcept {
-  check_size("find_sharp_pixels", "a frame", {frame.rows, frame.cols},
-             {centroid.frame_rows, centroid.frame_cols});
-  sharp.candidates.clear();
-  // Above a dark level L, light > q·second + m is count > q·second + m − (q − 1)·L. The highest L
-  // makes the rough test let through all of these. Since no light counts as less than 0, each of
-  // them also exceeds its second brightest neighbour by m, which noise hardly ever does.
-  const float highest = *std::max_element(levels.level.begin(), levels.level.end());
-  const RoughTest test =
-      rough_test(plan.sharpness, plan.dark + highest, kSigmas * std::sqrt(levels.pixel_variance));
-  if (plan.sharpness > 0.0F) HWY_DYNAMIC_DISPATCH(look)(frame, test, sharp.candidates);
-  assign_sharp_pixels(plan, centroid, windows, frame, levels, sharp);
+  begin_sharp_pixels(sharp);
+  find_sharp_pixels_rows(plan, centroid, windows, frame, frame.rows, levels, sharp);
 }
 
 void assign_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
                          const Image<CentroidPlan::Spot>& windows, FrameView frame,
                          const FrameLevels& levels, SharpPixels& sharp) noexcept {
-  check_size("assign_sharp_pixels", "lenslets", size_of(sharp.first), size_of(centroid.spots));
-  check_size("assign_sharp_pixels", "windows", size_of(windows), size_of(centroid.spots));
-  const int rows = windows.rows(), cols = windows.cols();
   sharp.pixels.clear();
   sharp.first.fill(-1);
-  for (const SharpPixel& candidate : sharp.candidates) {
-    int r0 = 0, c0 = 0;
-    double moved_x = 0.0, moved_y = 0.0;
-    for (int i = 0; i < 2; ++i) {  // Windows may have been moved, and neighbours about alike.
-      const auto [col, row] =
-          plan.grid.lenslet_from_pixel(candidate.x - moved_x, candidate.y - moved_y);
-      r0 = std::clamp(static_cast<int>(std::lround(row)), 0, rows - 1);
-      c0 = std::clamp(static_cast<int>(std::lround(col)), 0, cols - 1);
-      moved_x = windows(r0, c0).x0 - centroid.spots(r0, c0).x0;
-      moved_y = windows(r0, c0).y0 - centroid.spots(r0, c0).y0;
-    }
-    for (int r = std::max(r0 - 1, 0); r <= std::min(r0 + 1, rows - 1); ++r) {
-      for (int c = std::max(c0 - 1, 0); c <= std::min(c0 + 1, cols - 1); ++c) {
-        const std::size_t k = as_size(r) * as_size(cols) + as_size(c);
-        const CentroidPlan::Spot& spot = windows[k];
-        if (spot.state == LensletState::kUnlit || !contains(spot, candidate.x, candidate.y) ||
-            !is_sharp(plan, centroid, frame, levels, k, candidate.x, candidate.y))
-          continue;
-        const auto index = static_cast<std::int32_t>(sharp.pixels.size());
-        if (sharp.pixels.push({candidate.x, candidate.y, sharp.first[k]})) sharp.first[k] = index;
-      }
-    }
-  }
+  sharp.assigned = 0;
+  sharp.pixel_rows = frame.rows;
+  find_sharp_pixels_rows(plan, centroid, windows, frame, frame.rows, levels, sharp);
 }
 
 }  // namespace curlew

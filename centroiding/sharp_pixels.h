@@ -40,6 +40,10 @@ struct SharpPixels {
   FixedList<SharpPixel> pixels;
   FixedList<SharpPixel> candidates;  ///< a buffer of find_sharp_pixels()
   Image<std::int32_t> first;         ///< [rows, cols] the lenslet's first in `pixels`, or −1
+
+  // How far a frame that is still arriving has been looked at.
+  int pixel_rows = 0;        ///< rows of the frame
+  std::size_t assigned = 0;  ///< candidates
 };
 
 /// Returns the count that stands in for a sharp pixel's own: the mean of the middle two of its four
@@ -61,6 +65,16 @@ float count_instead(const Pixel* pixels, int cols, const SharpPixel& sharp) noex
 void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
                        const Image<CentroidPlan::Spot>& windows, FrameView frame,
                        const FrameLevels& levels, SharpPixels& sharp) noexcept;
+
+/// Begins a frame that is still arriving.
+void begin_sharp_pixels(SharpPixels& sharp) noexcept;
+
+/// Looks at the frame's first `ready` rows, as far as levels.rows allows, and returns how many rows
+/// have been looked at: no sharp pixel is missing in these. levels.bound, threshold and
+/// pixel_variance must be what they are for the whole frame.
+int find_sharp_pixels_rows(const SharpPixelPlan& plan, const CentroidPlan& centroid,
+                           const Image<CentroidPlan::Spot>& windows, FrameView frame, int ready,
+                           const FrameLevels& levels, SharpPixels& sharp) noexcept;
 
 /// Says again which lenslets' sharp pixels they are, of a frame that find_sharp_pixels() has looked
 /// at, after windows were moved.

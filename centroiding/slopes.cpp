@@ -44,14 +44,14 @@ class SlopeKernel {
         subtract_low_(subtract_low),
         sampled_(plan.sampling.empty()) {}
 
-  /// The last vector begins early enough to end with the last lenslet, of which there must be as
-  /// many as it has lanes. Two vectors at a time share what is read of the plan.
-  void run() {
-    const std::size_t n = plan_.ref_x_px.size();
+  /// Computes lenslets [begin, end). The last vector begins early enough to end with the last of
+  /// them, so that end must be as many as it has lanes. Two vectors at a time share what is read of
+  /// the plan.
+  void run(std::size_t begin, std::size_t end) {
     const std::size_t lanes = hn::Lanes(D());
-    for (std::size_t k = 0; k < n; k += 2 * lanes) {
-      const std::size_t first = std::min(k, n - lanes);
-      const std::size_t second = std::min(k + lanes, n - lanes);
+    for (std::size_t k = begin; k < end; k += 2 * lanes) {
+      const std::size_t first = std::min(k, end - lanes);
+      const std::size_t second = std::min(k + lanes, end - lanes);
       const Slopes a = measure(first);
       const Slopes b = measure(second);
       store(a, first);
@@ -190,35 +190,37 @@ class SlopeKernel {
   bool sampled_;
 };
 
-/// Fills slopes.valid and counts. Weak spots count if `with_weak`. There are no branches, so that
-/// the compiler makes vectors of it.
-void mark_valid(const Centroids& centroids, bool with_weak, SlopeField& slopes) {
+/// Fills slopes.valid of lenslets [begin, end). Weak spots count if `with_weak`. There are no
+/// branches, so that the compiler makes vectors of it.
+void mark_valid(const Centroids& centroids, bool with_weak, std::size_t begin, std::size_t end,
+                SlopeField& slopes) {
   const auto* state = reinterpret_cast<const std::uint8_t*>(centroids.state.data());
   const auto value = [](LensletState which) { return static_cast<std::uint8_t>(which); };
   const std::uint8_t valid = value(LensletState::kValid);
   const std::uint8_t faint = value(with_weak ? LensletState::kFaint : LensletState::kValid);
   const std::uint8_t at_edge = value(with_weak ? LensletState::kAtEdge : LensletState::kValid);
   std::uint8_t* to = slopes.valid.data();
-  const std::size_t n = slopes.valid.size();
-  for (std::size_t k = 0; k < n; ++k) {
+  for (std::size_t k = begin; k < end; ++k) {
     const int counts = static_cast<int>(state[k] == valid) | static_cast<int>(state[k] == faint) |
                        static_cast<int>(state[k] == at_edge);
     to[k] = static_cast<std::uint8_t>(counts);
   }
-  int n_valid = 0;
-  for (std::size_t k = 0; k < n; ++k) n_valid += to[k];
-  slopes.n_valid = n_valid;
 }
 
-void measure(const SlopePlan& plan, const Centroids& centroids, SlopeField* weak,
-             SlopeField* strict, bool subtract_low) {
+/// Computes lenslet rows [first, last).
+void measure(const SlopePlan& plan, const Centroids& centroids, int first, int last,
+             SlopeField* weak, SlopeField* strict, bool subtract_low) {
   using Wide = hn::CappedTag<float, 16>;
-  if (plan.ref_x_px.size() >= hn::Lanes(Wide()))
-    SlopeKernel<Wide>(plan, centroids, weak, strict, subtract_low).run();
+  const auto cols = static_cast<std::size_t>(plan.ref_x_px.cols());
+  const std::size_t begin = static_cast<std::size_t>(first) * cols;
+  const std::size_t end = static_cast<std::size_t>(last) * cols;
+  if (end >= hn::Lanes(Wide()))
+    SlopeKernel<Wide>(plan, centroids, weak, strict, subtract_low).run(begin, end);
   else
-    SlopeKernel<hn::CappedTag<float, 1>>(plan, centroids, weak, strict, subtract_low).run();
-  if (weak != nullptr) mark_valid(centroids, true, *weak);
-  if (strict != nullptr) mark_valid(centroids, false, *strict);
+    SlopeKernel<hn::CappedTag<float, 1>>(plan, centroids, weak, strict, subtract_low)
+        .run(begin, end);
+  if (weak != nullptr) mark_valid(centroids, true, begin, end, *weak);
+  if (strict != nullptr) mark_valid(centroids, false, begin, end, *strict);
 }
 
 }  // namespace
@@ -321,31 +323,51 @@ namespace {
 
 HWY_EXPORT(measure);
 
-/// Checks the sizes and computes both kinds of slopes, or one where the other is null.
-void measure_both(const SlopePlan& plan, const Centroids& centroids, SlopeField* weak,
-                  SlopeField* strict, bool subtract_low) noexcept {
+/// Checks the sizes and computes both kinds of slopes of lenslet rows [first, last), or one kind
+/// where the other is null.
+void measure_both(const SlopePlan& plan, const Centroids& centroids, int first, int last,
+                  SlopeField* weak, SlopeField* strict, bool subtract_low) noexcept {
   check_size("measure_slopes", "centroids", size_of(centroids.state), size_of(plan.ref_x_px));
   for (const SlopeField* slopes : {weak, strict})
     if (slopes != nullptr)
       check_size("measure_slopes", "slopes", size_of(*slopes), size_of(plan.ref_x_px));
-  HWY_DYNAMIC_DISPATCH(measure)(plan, centroids, weak, strict, subtract_low);
+  HWY_DYNAMIC_DISPATCH(measure)(plan, centroids, first, last, weak, strict, subtract_low);
+}
+
+/// Does the same for the whole array, and counts.
+void measure_whole(const SlopePlan& plan, const Centroids& centroids, SlopeField* weak,
+                   SlopeField* strict, bool subtract_low) noexcept {
+  measure_both(plan, centroids, 0, plan.ref_x_px.rows(), weak, strict, subtract_low);
+  for (SlopeField* slopes : {weak, strict})
+    if (slopes != nullptr) count_slopes(*slopes);
 }
 
 }  // namespace
 
 void measure_slopes(const SlopePlan& plan, const Centroids& centroids,
                     SlopeField& slopes) noexcept {
-  measure_both(plan, centroids, nullptr, &slopes, false);
+  measure_whole(plan, centroids, nullptr, &slopes, false);
 }
 
 void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
                          SlopeField& slopes) noexcept {
-  measure_both(plan, centroids, &slopes, nullptr, false);
+  measure_whole(plan, centroids, &slopes, nullptr, false);
 }
 
 void measure_all_slopes(const SlopePlan& plan, const Centroids& centroids, SlopeField& weak,
                         SlopeField& slopes) noexcept {
-  measure_both(plan, centroids, &weak, &slopes, true);
+  measure_whole(plan, centroids, &weak, &slopes, true);
+}
+
+void measure_all_slopes_rows(const SlopePlan& plan, const Centroids& centroids, int first, int last,
+                             SlopeField& weak, SlopeField& slopes) noexcept {
+  measure_both(plan, centroids, first, last, &weak, &slopes, true);
+}
+
+void count_slopes(SlopeField& slopes) noexcept {
+  int n_valid = 0;
+  for (const std::uint8_t valid : slopes.valid) n_valid += valid;
+  slopes.n_valid = n_valid;
 }
 
 void leave_out_weak(const Centroids& centroids, const SlopeField& weak,

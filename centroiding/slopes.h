@@ -70,6 +70,14 @@ void measure_weak_slopes(const SlopePlan& plan, const Centroids& centroids,
 void measure_all_slopes(const SlopePlan& plan, const Centroids& centroids, SlopeField& weak,
                         SlopeField& slopes) noexcept;
 
+/// Computes them for lenslet rows [first, last) only. n_valid stays; count_slopes() is due once all
+/// rows are there.
+void measure_all_slopes_rows(const SlopePlan& plan, const Centroids& centroids, int first, int last,
+                             SlopeField& weak, SlopeField& slopes) noexcept;
+
+/// Sets n_valid.
+void count_slopes(SlopeField& slopes) noexcept;
+
 /// Copies the slopes of valid lenslets from `weak` to `slopes`; all others are missing there. The
 /// result is bit for bit that of measure_slopes(), but the slopes need not be computed twice.
 void leave_out_weak(const Centroids& centroids, const SlopeField& weak,

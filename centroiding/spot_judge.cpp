@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <span>
 
@@ -30,13 +31,16 @@ constexpr int kEnoughLight = 4;  // lenslets, at least
 constexpr std::size_t kMaxSample = 256;
 constexpr std::int8_t kSeenMax = 8;  // frames after which a lenslet's light is believed or not
 
-// What a lenslet's window holds.
-constexpr std::uint8_t kNothing = 0;     ///< no spot, or none that is known to be another's
-constexpr std::uint8_t kNearModel = 1;   ///< a spot near the model, but dim, glaring or wide
-constexpr std::uint8_t kWellFormed = 2;  ///< a spot near the model
-constexpr std::uint8_t kFarOff = 3;      ///< light too far from the model to be the lenslet's spot
+// Loops over all lenslets go by bytes and have no branches, so that the compiler makes vectors of
+// them.
+constexpr auto kValidByte = static_cast<std::uint8_t>(LensletState::kValid);
+constexpr auto kFaintByte = static_cast<std::uint8_t>(LensletState::kFaint);
+constexpr auto kAtEdgeByte = static_cast<std::uint8_t>(LensletState::kAtEdge);
+constexpr auto kSaturatedByte = static_cast<std::uint8_t>(LensletState::kSaturated);
 
-bool is_spot(std::uint8_t what) noexcept { return what == kNearModel || what == kWellFormed; }
+const std::uint8_t* state_bytes(const Centroids& centroids) noexcept {
+  return reinterpret_cast<const std::uint8_t*>(centroids.state.data());
+}
 
 bool has_light(LensletState state) noexcept {
   return state == LensletState::kValid || state == LensletState::kAtEdge ||
@@ -72,6 +76,7 @@ SpotJudge::SpotJudge(const Sensor& sensor, const CentroidPlan& plan)
       ref_x_px_(sensor.ref_x_px),
       ref_y_px_(sensor.ref_y_px),
       flux_adu_(sensor.flux_adu),
+      widest_px2_(plan.spots.rows(), plan.spots.cols()),
       narrowest_px2_(narrowest_px2(sensor.spot_sigma_px)),
       seen_(plan.spots.rows(), plan.spots.cols()),
       lit_(plan.spots.rows(), plan.spots.cols()),
@@ -80,6 +85,8 @@ SpotJudge::SpotJudge(const Sensor& sensor, const CentroidPlan& plan)
   for (std::size_t k = 0; k < lenslet_.size(); ++k) {
     lenslet_[k] = plan.spots[k].state != LensletState::kUnlit ? 1 : 0;
     if (lenslet_[k] != 0) all.push_back(k);
+    const int w = plan.spots[k].w, h = plan.spots[k].h;
+    widest_px2_[k] = kOfUniform * (static_cast<float>(w * w + h * h - 2) / 12.0F);
   }
   lit_ = lenslet_;
   // The sample begins a lenslet further on in each row, so that it is spread over all columns.
@@ -99,8 +106,6 @@ void SpotJudge::look_at(const WindowPlaces& places, const Centroids& centroids,
   find_spots(places, centroids, typical, found);
   reject_clumps(centroids, typical, found);
 }
-
-bool SpotJudge::has_spot(std::size_t k) const noexcept { return is_spot(spot_[k]); }
 
 /// Fits the low orders to a sample of the spots, first of those that may be their lenslets', then
 /// of those that lie near the others.
@@ -151,47 +156,65 @@ void SpotJudge::fit(const WindowPlaces& places, const Centroids& centroids,
 /// Marks the lenslets whose spot lies near the model, and counts.
 void SpotJudge::find_spots(const WindowPlaces& places, const Centroids& centroids, float typical,
                            SpotFit& found) noexcept {
-  const int rows = spot_.rows(), cols = spot_.cols();
+  static_assert(kWellFormed == kNearModel + 1);  // They are added up.
+  const int rows = spot_.rows();
+  const std::size_t cols = as_size(spot_.cols());
   const float near_px =
       std::clamp(kResiduals * found.residual_px, kSurelyNear * pitch_px_, kNear * pitch_px_);
-  const bool scattered = kResiduals * found.residual_px > kNear * pitch_px_;
+  // Where spots scatter widely anyway, a weak one may be anywhere in its window.
+  const int scattered = kResiduals * found.residual_px > kNear * pitch_px_ ? 1 : 0;
   const float surely_px = std::max(kResiduals * found.residual_px, kSurelyAlone * pitch_px_);
-  found.spots = found.light = 0;
-  found.largest_px = 0.0F;
-  int same = 0;
-  int were_lit = 0;
+  const float near_px2 = near_px * near_px;
+  const float surely_px2 = surely_px * surely_px;
+  int spots = 0, light = 0, same = 0, were_lit = 0;
+  std::int32_t largest = 0;  // the bits of a float that is not negative, which are in its order
   for (int r = 0; r < rows; ++r) {
     const LowOrders::Row row = found.model.along(model_coordinate(static_cast<float>(r), rows));
-    for (int c = 0; c < cols; ++c) {
-      const std::size_t k = as_size(r) * as_size(cols) + as_size(c);
-      const LensletState state = centroids.state[k];
-      spot_[k] = kNothing;
-      were_lit += lit_[k];
-      found.light += has_light(state) ? 1 : 0;
-      const bool weak = state == LensletState::kAtEdge ||
-                        (state == LensletState::kFaint && centroids.flux_adu[k] > 0.0F);
-      if (state != LensletState::kValid && !weak) continue;
-      const auto [at_x, at_y] = row.at(column_u_[as_size(c)]);
-      const float x = centroids.x_px[k] - ref_x_px_[k] - places.x_px[k] - at_x;
-      const float y = centroids.y_px[k] - ref_y_px_[k] - places.y_px[k] - at_y;
+    const std::size_t first = as_size(r) * cols;
+    const std::uint8_t* __restrict state = state_bytes(centroids) + first;
+    const float* __restrict flux = &centroids.flux_adu[first];
+    const float* __restrict of_reference = &flux_adu_[first];
+    const float* __restrict x_px = &centroids.x_px[first];
+    const float* __restrict y_px = &centroids.y_px[first];
+    const float* __restrict xx = &centroids.xx_px2[first];
+    const float* __restrict yy = &centroids.yy_px2[first];
+    const float* __restrict widest = &widest_px2_[first];
+    const float* __restrict ref_x = &ref_x_px_[first];
+    const float* __restrict ref_y = &ref_y_px_[first];
+    const float* __restrict place_x = &places.x_px[first];
+    const float* __restrict place_y = &places.y_px[first];
+    const float* __restrict u = column_u_.data();
+    const std::uint8_t* __restrict lit = &lit_[first];
+    std::uint8_t* __restrict spot = &spot_[first];
+    for (std::size_t c = 0; c < cols; ++c) {
+      const int valid = state[c] == kValidByte ? 1 : 0;
+      const int at_edge = state[c] == kAtEdgeByte ? 1 : 0;
+      const int saturated = state[c] == kSaturatedByte ? 1 : 0;
+      const int weak = at_edge | ((state[c] == kFaintByte ? 1 : 0) & (flux[c] > 0.0F ? 1 : 0));
+      const float at_x = row.x[0] + u[c] * (row.x[1] + u[c] * row.x[2]);
+      const float at_y = row.y[0] + u[c] * (row.y[1] + u[c] * row.y[2]);
+      const float x = x_px[c] - ref_x[c] - place_x[c] - at_x;
+      const float y = y_px[c] - ref_y[c] - place_y[c] - at_y;
       const float square = x * x + y * y;
-      // Where spots scatter widely anyway, a weak one may be anywhere in its window.
-      if (square > near_px * near_px && !(weak && scattered)) spot_[k] = kFarOff;
-      if (weak || spot_[k] == kFarOff) continue;
-      found.largest_px = std::max(found.largest_px, std::max(std::abs(at_x), std::abs(at_y)));
-      const CentroidPlan::Spot& window = places.windows[k];
-      const float uniform =
-          static_cast<float>(window.w * window.w + window.h * window.h - 2) / 12.0F;
-      const float flux = centroids.flux_adu[k];
-      const float expected = typical * flux_adu_[k];
-      const bool well = centroids.xx_px2[k] + centroids.yy_px2[k] < kOfUniform * uniform &&
-                        flux > kDimmest * expected && flux < kBrightest * expected &&
-                        square < surely_px * surely_px;
-      spot_[k] = well ? kWellFormed : kNearModel;
-      found.spots += well ? 1 : 0;
-      same += lit_[k];
+      const float expected = typical * of_reference[c];
+      const int far = (square > near_px2 ? 1 : 0) & ~(weak & scattered) & (valid | weak);
+      const int near = valid & ~far;
+      const int well = near & (xx[c] + yy[c] < widest[c] ? 1 : 0) &
+                       (flux[c] > kDimmest * expected ? 1 : 0) &
+                       (flux[c] < kBrightest * expected ? 1 : 0) & (square < surely_px2 ? 1 : 0);
+      const std::int32_t size = std::max(std::bit_cast<std::int32_t>(std::abs(at_x)),
+                                         std::bit_cast<std::int32_t>(std::abs(at_y)));
+      largest = std::max(largest, size & -near);
+      spot[c] = static_cast<std::uint8_t>(kFarOff * far + kNearModel * near + well);
+      spots += well;
+      light += valid | at_edge | saturated;
+      same += near & lit[c];
+      were_lit += lit[c];
     }
   }
+  found.spots = spots;
+  found.light = light;
+  found.largest_px = std::bit_cast<float>(largest);
   found.same_lit = static_cast<float>(were_lit - same) <= rim_slack(were_lit) || !has_stepped(same);
 }
 
@@ -208,9 +231,11 @@ float SpotJudge::typical_brightness(const Centroids& centroids) noexcept {
 /// ones, of which the threshold leaves only the tips.
 void SpotJudge::reject_clumps(const Centroids& centroids, float typical, SpotFit& found) noexcept {
   constexpr int kFew = 20;  // one of so many lenslets with light
+  const float* flux = centroids.flux_adu.data();
+  const float* xx = centroids.xx_px2.data();
+  const float* yy = centroids.yy_px2.data();
   const auto is_clump = [&](std::size_t k) {
-    return is_spot(spot_[k]) && centroids.flux_adu[k] > typical * flux_adu_[k] &&
-           centroids.xx_px2[k] + centroids.yy_px2[k] < narrowest_px2_;
+    return has_spot(k) & (flux[k] > typical * flux_adu_[k]) & (xx[k] + yy[k] < narrowest_px2_);
   };
   int clumps = 0;
   for (std::size_t k = 0; k < spot_.size(); ++k) clumps += is_clump(k) ? 1 : 0;
@@ -232,7 +257,7 @@ bool SpotJudge::has_stepped(int here) const noexcept {
       int n = 0;
       for (int r = std::max(0, -i); r < std::min(rows, rows - i); ++r)
         for (int c = std::max(0, -j); c < std::min(cols, cols - j); ++c)
-          n += lit_(r, c) != 0 && is_spot(spot_(r + i, c + j)) ? 1 : 0;
+          n += lit_(r, c) != 0 && has_spot(as_size(r + i) * as_size(cols) + as_size(c + j)) ? 1 : 0;
       if (static_cast<float>(n) >= static_cast<float>(here) - 0.5F * rim_slack(here)) return true;
     }
   }
@@ -258,13 +283,29 @@ float SpotJudge::kept_neighbours(int row, int col) const noexcept {
   return all > 0 ? static_cast<float>(kept) / static_cast<float>(all) : 0.0F;
 }
 
-void SpotJudge::judge(Centroids& centroids) const noexcept {
+/// Returns whether judge() may have something to say of lenslets [first, last): a spot that is far
+/// off, or one where there was none in the frames before.
+bool SpotJudge::has_doubts(const Centroids& centroids, std::size_t first,
+                           std::size_t last) const noexcept {
+  const std::uint8_t* state = state_bytes(centroids);
+  int doubts = 0;
+  for (std::size_t k = first; k < last; ++k) {
+    const int has = (state[k] == kValidByte) | (state[k] == kFaintByte) | (state[k] == kAtEdgeByte);
+    doubts |= has & ((spot_[k] == kFarOff) | (seen_[k] <= 0));
+  }
+  return doubts != 0;
+}
+
+void SpotJudge::judge(Centroids& centroids, std::vector<std::uint8_t>& row_changed) const noexcept {
   constexpr float kAmongSpots = 0.75F;
   constexpr float kForDark = 0.5F;
   constexpr float kAlone = 0.25F;
+  const std::size_t cols = as_size(spot_.cols());
   for (int r = 0; r < spot_.rows(); ++r) {
+    const std::size_t first = as_size(r) * cols;
+    if (!has_doubts(centroids, first, first + cols)) continue;
     for (int c = 0; c < spot_.cols(); ++c) {
-      const std::size_t k = as_size(r) * as_size(spot_.cols()) + as_size(c);
+      const std::size_t k = first + as_size(c);
       const LensletState state = centroids.state[k];
       if (state != LensletState::kValid && state != LensletState::kFaint &&
           state != LensletState::kAtEdge)
@@ -274,23 +315,22 @@ void SpotJudge::judge(Centroids& centroids) const noexcept {
       const float needed = spot_[k] == kWellFormed  ? kAlone
                            : spot_[k] == kNearModel ? kAmongSpots
                                                     : kForDark;
-      if (kept < needed) {
-        lose(centroids, k);
-      } else if (spot_[k] == kFarOff) {
-        darken(centroids, k);
-      }
+      if (kept >= needed && spot_[k] != kFarOff) continue;
+      row_changed[as_size(r)] = 1;
+      kept < needed ? lose(centroids, k) : darken(centroids, k);
     }
   }
 }
 
 void SpotJudge::remember(const Centroids& centroids) noexcept {
-  for (std::size_t k = 0; k < seen_.size(); ++k) {
-    const bool has = centroids.state[k] == LensletState::kValid;
-    if (!started_)
-      seen_[k] = has ? kSeenMax : 0;
-    else
-      seen_[k] = static_cast<std::int8_t>(std::clamp(seen_[k] + (has ? 1 : -1), 0, +kSeenMax));
-  }
+  const std::uint8_t* __restrict state = state_bytes(centroids);
+  std::int8_t* __restrict seen = seen_.data();
+  // Before the first frame a lenslet counts as if it had always been as it is.
+  const int step = started_ ? 1 : kSeenMax;
+  if (!started_) seen_.fill(0);
+  for (std::size_t k = 0; k < seen_.size(); ++k)
+    seen[k] = static_cast<std::int8_t>(
+        std::clamp(seen[k] + (state[k] == kValidByte ? step : -step), 0, +kSeenMax));
   started_ = true;
   mark_lit();
 }

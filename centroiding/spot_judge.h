@@ -44,12 +44,15 @@ class SpotJudge {
   bool is_believed(const SpotFit& found) const noexcept;
 
   /// Returns whether lenslet k's window held a spot near the model when it was looked at.
-  bool has_spot(std::size_t k) const noexcept;
+  bool has_spot(std::size_t k) const noexcept {
+    return (spot_[k] == kNearModel) | (spot_[k] == kWellFormed);
+  }
 
   /// Marks the lenslets whose spot is lost, by what look_at() saw. A spot that is dim or as wide as
   /// its window is lost where less than three quarters of its neighbours have a spot, and a faint
-  /// one or one at its window's edge where less than half have.
-  void judge(Centroids& centroids) const noexcept;
+  /// one or one at its window's edge where less than half have. Sets row_changed, [rows], to 1
+  /// where a row has such a lenslet.
+  void judge(Centroids& centroids, std::vector<std::uint8_t>& row_changed) const noexcept;
 
   /// Marks every lenslet with light as lost, and those without as lost or, if there is hardly any
   /// light in the frame, as dark.
@@ -69,12 +72,18 @@ class SpotJudge {
   const Image<std::uint8_t>& lit() const { return lit_; }
 
  private:
+  // What a lenslet's window holds, where it is not 0.
+  static constexpr std::uint8_t kNearModel = 1;  ///< a spot near the model, but dim, bright or wide
+  static constexpr std::uint8_t kWellFormed = 2;  ///< a spot near the model
+  static constexpr std::uint8_t kFarOff = 3;      ///< light too far from the model to be its spot
+
   void fit(const WindowPlaces& places, const Centroids& centroids, SpotFit& found) noexcept;
   float typical_brightness(const Centroids& centroids) noexcept;
   void find_spots(const WindowPlaces& places, const Centroids& centroids, float typical,
                   SpotFit& found) noexcept;
   void reject_clumps(const Centroids& centroids, float typical, SpotFit& found) noexcept;
   bool has_stepped(int here) const noexcept;
+  bool has_doubts(const Centroids& centroids, std::size_t first, std::size_t last) const noexcept;
   float kept_neighbours(int row, int col) const noexcept;
   void mark_lit() noexcept;
 
@@ -83,6 +92,7 @@ class SpotJudge {
   Image<float> ref_x_px_;
   Image<float> ref_y_px_;
   Image<float> flux_adu_;            ///< of the references
+  Image<float> widest_px2_;          ///< A spot whose second moments are more is not well formed.
   float narrowest_px2_;              ///< A spot's second moments, x and y together, are not less.
   std::vector<std::size_t> sample_;  ///< the lenslets that are fitted
   std::vector<float> column_u_;      ///< [cols] the model's coordinate of a column
@@ -93,7 +103,7 @@ class SpotJudge {
   bool started_ = false;
 
   // Buffers of one frame.
-  Image<std::uint8_t> spot_;        ///< what each window holds; the values stand in the .cpp
+  Image<std::uint8_t> spot_;        ///< what each window holds
   std::vector<float> values_;       ///< of the sample
   std::vector<std::uint8_t> near_;  ///< [sample] whether a spot takes part in the fit
 };

@@ -42,6 +42,9 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
       blocks_(level_plan.pixels()),
       moved_x_px_(plan.spots.rows(), plan.spots.cols()),
       moved_y_px_(plan.spots.rows(), plan.spots.cols()),
+      block_rows_needed_(as_size(plan.spots.rows()) + 1),
+      rows_needed_(as_size(plan.spots.rows())),
+      row_changed_(as_size(plan.spots.rows())),
       level_(plan.spots.rows(), plan.spots.cols()),
       model_x_px_(plan.spots.rows(), plan.spots.cols()),
       model_y_px_(plan.spots.rows(), plan.spots.cols()),
@@ -54,6 +57,7 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
     lenslet_[k] = plan.spots[k].state != LensletState::kUnlit ? 1 : 0;
   for (int c = 0; c < plan.spots.cols(); ++c)
     column_u_.push_back(model_coordinate(static_cast<float>(c), plan.spots.cols()));
+  count_rows_needed(level_plan);
   if (plan.gain.empty()) return;
   bad_pixels_ = Image<std::int32_t>(plan.frame_rows + 1, plan.frame_cols + 1);
   for (int y = 0; y < plan.frame_rows; ++y)
@@ -112,23 +116,39 @@ void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& le
     }
   }
   strips_.place(windows_, plan.frame_cols);
+  count_rows_needed(level_plan);
 }
 
 /// Centres the windows of spots that lie off their middle, for this frame only. Returns whether
 /// there are any; off_centre_ says which.
 bool WindowFollower::centre_windows(const CentroidPlan& plan, const Centroids& centroids) noexcept {
   const float near_px = kCentred * pitch_px_;
+  const float near_px2 = near_px * near_px;
+  const std::size_t cols = as_size(windows_.cols());
+  const auto off_x = [&](std::size_t k) {
+    return centroids.x_px[k] - ref_x_px_[k] - moved_x_px_[k];
+  };
+  const auto off_y = [&](std::size_t k) {
+    return centroids.y_px[k] - ref_y_px_[k] - moved_y_px_[k];
+  };
   bool any = false;
-  for (std::size_t k = 0; k < off_centre_.size(); ++k) {
-    off_centre_[k] = 0;
-    if (!judge_.has_spot(k)) continue;
-    const float x = centroids.x_px[k] - ref_x_px_[k] - moved_x_px_[k];
-    const float y = centroids.y_px[k] - ref_y_px_[k] - moved_y_px_[k];
-    if (x * x + y * y <= near_px * near_px) continue;
-    off_centre_[k] = 1;
+  for (std::size_t row = 0; row < row_changed_.size(); ++row) {
+    const std::size_t first = row * cols;
+    int off = 0;
+    for (std::size_t k = first; k < first + cols; ++k) {  // no branch, so that it is vectors
+      const float x = off_x(k), y = off_y(k);
+      const int is_off = static_cast<int>(x * x + y * y > near_px2) & judge_.has_spot(k);
+      off_centre_[k] = static_cast<std::uint8_t>(is_off);
+      off |= is_off;
+    }
+    if (off == 0) continue;
     any = true;
-    place_window(plan, k, static_cast<int>(std::lround(moved_x_px_[k] + x)),
-                 static_cast<int>(std::lround(moved_y_px_[k] + y)));
+    row_changed_[row] = 1;
+    for (std::size_t k = first; k < first + cols; ++k) {
+      if (off_centre_[k] == 0) continue;
+      place_window(plan, k, static_cast<int>(std::lround(moved_x_px_[k] + off_x(k))),
+                   static_cast<int>(std::lround(moved_y_px_[k] + off_y(k))));
+    }
   }
   return any;
 }
@@ -179,7 +199,11 @@ bool WindowFollower::is_settled(const SpotFit& found) const noexcept {
 }
 
 FollowerMemory WindowFollower::memory() const {
-  return {.frames = frames_, .started = judge_.started(), .model = model_, .seen = judge_.seen()};
+  return {.frames = frames_,
+          .started = judge_.started(),
+          .model = model_,
+          .seen = judge_.seen(),
+          .level = forecast_};
 }
 
 void WindowFollower::recall(const CentroidPlan& plan, const LevelPlan& level_plan,
@@ -187,6 +211,7 @@ void WindowFollower::recall(const CentroidPlan& plan, const LevelPlan& level_pla
   check_size("WindowFollower", "remembered lenslets", size_of(memory.seen), size_of(lenslet_));
   frames_ = memory.frames;
   judge_.recall(memory.started, memory.seen);
+  forecast_ = memory.level;
   place_windows(plan, level_plan, memory.model);
 }
 
@@ -220,6 +245,7 @@ FollowState WindowFollower::measure(const CentroidPlan& plan, const LevelPlan& l
   SpotFit found;
   const FollowState state =
       measure_frame(plan, level_plan, sharp_plan, frame, levels, sharp, centroids, found);
+  forecast_ = next_forecast_;
   if (++frames_ % kSettlingFrames != 0) return state;
   if (state == FollowState::kLost || state == FollowState::kNoLight) return state;
   const LowOrders model = settled_model(found.model += model_);
@@ -231,21 +257,20 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
                                           const SharpPixelPlan& sharp_plan, FrameView frame,
                                           FrameLevels& levels, SharpPixels& sharp,
                                           Centroids& centroids, SpotFit& found) noexcept {
-  const auto measure_here = [&] {
-    find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_, nullptr, &strips_});
-    judge_.look_at({windows_, model_x_px_, model_y_px_}, centroids, found);
-  };
+  bool told = false;
+  const auto look = [&] { judge_.look_at({windows_, model_x_px_, model_y_px_}, centroids, found); };
   const auto measure_at = [&](const LowOrders& model) {
     place_windows(plan, level_plan, model);
     measure_levels(level_plan, blocks_, frame, levels);
+    go_by_forecast(level_plan, levels);
     assign_sharp_pixels(sharp_plan, plan, windows_, frame, levels, sharp);
-    measure_here();
+    find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_, nullptr, &strips_});
+    std::fill(row_changed_.begin(), row_changed_.end(), std::uint8_t{1});
+    told = false;
+    look();
   };
   const auto finish = [&](FollowState state) {
-    centroids.low_x_px = model_x_px_;
-    centroids.low_y_px = model_y_px_;
-    centroids.moved_x_px = moved_x_px_;
-    centroids.moved_y_px = moved_y_px_;
+    if (!told) tell_windows(centroids);
     centroids.n_lost = static_cast<int>(
         std::count(centroids.state.begin(), centroids.state.end(), LensletState::kLost));
     return_windows(plan);
@@ -253,9 +278,8 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
   };
   const auto moved = [&](LowOrders by) { return by += model_; };
 
-  measure_levels(level_plan, blocks_, frame, levels);
-  find_sharp_pixels(sharp_plan, plan, windows_, frame, levels, sharp);
-  measure_here();
+  told = measure_spots(plan, level_plan, sharp_plan, frame, levels, sharp, centroids);
+  look();
   FollowState state = FollowState::kSettled;
   if (judge_.is_believed(found) && found.same_lit && found.largest_px > followed_px_ &&
       found.largest_px <= kStep * pitch_px_) {
@@ -281,10 +305,13 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
   if (centre_windows(plan, centroids)) {
     assign_sharp_pixels(sharp_plan, plan, windows_, frame, levels, sharp);
     find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_, &off_centre_});
+    told = false;
   }
-  judge_.judge(centroids);
+  judge_.judge(centroids, row_changed_);
   judge_.remember(centroids);
   find_core_positions(plan, frame, centroids, {&levels, &sharp, &windows_});
+  if (plan.core_threshold > 0.0F)
+    std::fill(row_changed_.begin(), row_changed_.end(), std::uint8_t{1});
   return finish(state);
 }
 

@@ -35,6 +35,7 @@ struct FollowerMemory {
   bool started = false;     ///< whether spots were found in one of them
   LowOrders model;          ///< where the windows are, px from where the calibration put them
   Image<std::int8_t> seen;  ///< [rows, cols] how often a lenslet had its spot, of the last ones
+  LevelForecast level;      ///< what the frame before says of the next one
 };
 
 /// Follows the spots of one sensor from frame to frame. Its state belongs to the frames of one
@@ -56,6 +57,10 @@ struct FollowerMemory {
 /// window is lost where less than three quarters of its neighbours have a spot, and a faint one or
 /// one at its window's edge where less than half have: among others in the dark it is a vortex, and
 /// alone it is stray light.
+///
+/// A frame that is still arriving is measured by the noise of the frame before and where the
+/// windows are. So that whole frames give the same bits, they too go by the noise of the frame
+/// before where their own is about the same (came_true()).
 class WindowFollower {
  public:
   WindowFollower(const Sensor& sensor, const CentroidPlan& plan, const LevelPlan& level_plan,
@@ -63,10 +68,23 @@ class WindowFollower {
 
   /// Measures one frame, of the plans' format: its levels, its sharp pixels and, with the windows
   /// where they belong, its spots. `centroids` also says how far the windows were moved. The plans
-  /// must be those of the constructor. Never allocates.
+  /// must be those of the constructor. What measure_ahead() has measured of the frame is not
+  /// measured again where it holds, and the results are the same bits. Never allocates.
   FollowState measure(const CentroidPlan& plan, const LevelPlan& level_plan,
                       const SharpPixelPlan& sharp_plan, FrameView frame, FrameLevels& levels,
                       SharpPixels& sharp, Centroids& centroids) noexcept;
+
+  /// Measures as much as possible of a frame of which the first `ready` rows have arrived, and
+  /// returns how many rows of lenslets are measured. Never allocates.
+  int measure_ahead(const CentroidPlan& plan, const LevelPlan& level_plan,
+                    const SharpPixelPlan& sharp_plan, FrameView frame, int ready,
+                    FrameLevels& levels, SharpPixels& sharp, Centroids& centroids) noexcept;
+
+  /// Forgets what was measured ahead of a frame that never became whole.
+  void give_up() noexcept { ahead_ = {}; }
+
+  /// [rows] 1 where measure() left a row of lenslets other than measure_ahead() did.
+  const std::vector<std::uint8_t>& row_changed() const { return row_changed_; }
 
   /// After as many frames the windows no longer depend on how they came there.
   static constexpr std::int64_t kSettlingFrames = 64;
@@ -77,6 +95,12 @@ class WindowFollower {
   void recall(const CentroidPlan& plan, const LevelPlan& level_plan, const FollowerMemory& memory);
 
  private:
+  /// How far a frame that is still arriving has been measured.
+  struct Ahead {
+    bool begun = false;
+    int rows = 0;  ///< of lenslets
+  };
+
   void place_windows(const CentroidPlan& plan, const LevelPlan& level_plan,
                      const LowOrders& model) noexcept;
   void place_window(const CentroidPlan& plan, std::size_t k, int dx, int dy) noexcept;
@@ -85,6 +109,12 @@ class WindowFollower {
   bool has_bad_window(const CentroidPlan::Spot& spot) const noexcept;
   void measure_lower_level(const LevelPlan& level_plan, FrameView frame,
                            FrameLevels& levels) noexcept;
+  void count_rows_needed(const LevelPlan& level_plan) noexcept;
+  void tell_windows(Centroids& centroids) const noexcept;
+  bool go_by_forecast(const LevelPlan& level_plan, FrameLevels& levels) noexcept;
+  bool measure_spots(const CentroidPlan& plan, const LevelPlan& level_plan,
+                     const SharpPixelPlan& sharp_plan, FrameView frame, FrameLevels& levels,
+                     SharpPixels& sharp, Centroids& centroids) noexcept;
   AcquisitionResult acquire(const CentroidPlan& plan, const LevelPlan& level_plan, FrameView frame,
                             FrameLevels& levels, const SharpPixels& sharp,
                             LowOrders& model) noexcept;
@@ -111,11 +141,19 @@ class WindowFollower {
   Image<CentroidPlan::Spot> windows_;  ///< the plan's, moved there
   WindowStrips strips_;                ///< of windows_, but for those that off_centre_ has moved
   std::vector<LevelPixel> blocks_;     ///< where the level is measured
+  LevelForecast forecast_;             ///< for the frame at hand
   Image<float> moved_x_px_;            ///< by whole pixels
   Image<float> moved_y_px_;
   std::int64_t frames_ = 0;
 
+  // These follow from the state.
+  std::vector<int> block_rows_needed_;  ///< [rows + 1] rows of the frame that blocks_ lie in
+  std::vector<int> rows_needed_;        ///< [rows] rows of the frame that windows_ lie in
+
   // Buffers of one frame.
+  Ahead ahead_;
+  LevelForecast next_forecast_;
+  std::vector<std::uint8_t> row_changed_;
   Image<float> level_;
   Image<float> model_x_px_;  ///< of each lenslet
   Image<float> model_y_px_;

@@ -57,13 +57,29 @@ class FrameExchange {
   /// For the camera's thread: hands on `frame`, which is whole and has its header. Returns the
   /// buffer of the frame that it supersedes, to be filled again, or nullptr if none waited.
   FrameBuffer* deliver(FrameBuffer* frame) noexcept {
-    delivered_.fetch_add(1, std::memory_order_relaxed);
+    count_delivered();
+    return hand_on(frame);
+  }
+
+  /// For the camera's thread: hands on `frame` with its first rows, while others still arrive
+  /// (core/readout.h). Returns what deliver() returns. When its last row is there,
+  /// count_delivered() is due.
+  FrameBuffer* hand_on(FrameBuffer* frame) noexcept {
     FrameBuffer* old = newest_.exchange(frame, std::memory_order_acq_rel);
     if (old != nullptr)
       superseded_.fetch_add(1, std::memory_order_relaxed);
     else
       ready_.signal();
     return old;
+  }
+
+  void count_delivered() noexcept { delivered_.fetch_add(1, std::memory_order_relaxed); }
+
+  /// For the camera's thread: takes back a frame that was handed on and broke off. Returns false if
+  /// the pipeline has it already, which then gives it back.
+  bool take_back(FrameBuffer* frame) noexcept {
+    FrameBuffer* expected = frame;
+    return newest_.compare_exchange_strong(expected, nullptr, std::memory_order_acq_rel);
   }
 
   /// For any thread: says that no more frames will come. A frame that waits can still be taken.

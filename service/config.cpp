@@ -83,6 +83,7 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("camera", "exposure_us", camera.exposure_us, kNotNegative);
   visit("camera", "gain_db", camera.gain_db, Range{-1, 1000});
   visit("camera", "frame_rate_hz", camera.frame_rate_hz, Range{0, 1e6});
+  visit("camera", "readout_us", camera.readout_us, Range{0, 1e7});
   visit("camera", "trigger", camera.trigger, kNotNegative);
   visit("camera", "trigger_line", camera.trigger_line, kNotNegative);
   visit("camera", "packet_size_bytes", camera.packet_size_bytes, Range{0, 65535});

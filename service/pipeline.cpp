@@ -221,10 +221,11 @@ RunReport Pipeline::run(Feed& feed, const Publisher& publisher) {
 }
 
 void Pipeline::run_stage(std::size_t stage, FrameSlot& slot) const noexcept {
-  {
-    const StageTimer timer(slot.latency.stage_ns[stage]);
-    kStages[stage].run(*slot.plan, slot);
-  }
+  const auto start = Clock::now();
+  kStages[stage].run(*slot.plan, slot);
+  if (slot.broke_off) return;
+  // What the first stage waits for the last rows of a frame is the camera's time.
+  slot.latency.stage_ns[stage] = nanoseconds_since(std::max(start, slot.frame->header.received));
   if (stage + 1 < kStageCount) return;
   slot.latency.total_ns = nanoseconds_since(slot.frame->header.received);
   if (is_late(slot)) slot.frame->header.status |= kFrameLate;
@@ -240,8 +241,10 @@ void Pipeline::run_inline(Feed& feed, const Publisher& publisher) {
   FrameSlot* slot = current_->slots.front().get();
   while (feed.fill(*slot)) {
     slot = renewed(slot);
-    for (std::size_t stage = 0; stage < kStageCount; ++stage) run_stage(stage, *slot);
-    publish(*slot, publisher);
+    run_stage(0, *slot);
+    for (std::size_t stage = 1; stage < kStageCount && !slot->broke_off; ++stage)
+      run_stage(stage, *slot);
+    if (!slot->broke_off) publish(*slot, publisher);
     feed.release(*slot);
   }
 }
@@ -261,7 +264,7 @@ void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
     thread_start_(kStages[stage].name, stage);
     FrameSlot* slot = nullptr;
     while (to_stage[stage]->pop(slot)) {
-      run_stage(stage, *slot);
+      if (stage == 0 || !slot->broke_off) run_stage(stage, *slot);
       to_stage[stage + 1]->push(slot);
     }
     to_stage[stage + 1]->close();
@@ -271,7 +274,7 @@ void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
     FrameSlot* slot = nullptr;
     while (to_stage[kStageCount]->pop(slot)) {
       try {
-        if (!failed) publish(*slot, publisher);
+        if (!failed && !slot->broke_off) publish(*slot, publisher);
       } catch (...) {
         failure = std::current_exception();
         failed = true;

@@ -9,44 +9,94 @@
 #include "centroiding/systematic_error.h"
 #include "core/error.h"
 #include "core/memory_limit.h"
+#include "core/readout.h"
+#include "detect/circulation.h"
 #include "service/frame_time.h"
 #include "service/sensor/sensor_file.h"
 
 namespace curlew {
 namespace {
 
+/// Follows the readout of a frame that was handed on before its last row, and returns when it is
+/// whole. Returns false if it broke off.
+bool follow_readout(const Plan& plan, FrameSlot& slot) noexcept {
+  int ready = slot.frame->rows_ready.load(std::memory_order_acquire);
+  while (ready != kReadoutBrokeOff && ready < slot.frame->format().rows) {
+    measure_ahead(plan, slot, ready);
+    ready = wait_for_rows(*slot.frame, ready);
+  }
+  if (ready != kReadoutBrokeOff) return true;
+  if (slot.follower != nullptr) slot.follower->give_up();
+  slot.rows_ahead = 0;
+  return false;
+}
+
 void centroid(const Plan& plan, FrameSlot& slot) noexcept {
+  slot.broke_off = is_arriving(*slot.frame) && !follow_readout(plan, slot);
+  if (slot.broke_off) return;
   const FrameView frame = slot.frame->view();
-  if (!plan.level || !plan.sharp || !slot.levels || !slot.sharp) {
-    find_centroids(plan.centroid, frame, slot.centroids);
-    find_core_positions(plan.centroid, frame, slot.centroids);
-  } else if (slot.follower != nullptr) {
+  const int ahead = std::exchange(slot.rows_ahead, 0);
+  if (slot.follower != nullptr && plan.level && plan.sharp && slot.levels && slot.sharp) {
     slot.follow_state = slot.follower->measure(plan.centroid, *plan.level, *plan.sharp, frame,
                                                *slot.levels, *slot.sharp, slot.centroids);
+    slot.row_due = slot.follower->row_changed();
   } else {
-    measure_levels(*plan.level, plan.level->pixels(), frame, *slot.levels);
-    find_sharp_pixels(*plan.sharp, plan.centroid, plan.centroid.spots, frame, *slot.levels,
-                      *slot.sharp);
-    const FrameConditions conditions{&*slot.levels, &*slot.sharp};
-    find_centroids(plan.centroid, frame, slot.centroids, conditions);
+    std::fill(slot.row_due.begin(), slot.row_due.begin() + ahead, std::uint8_t{0});
+    std::fill(slot.row_due.begin() + ahead, slot.row_due.end(), std::uint8_t{1});
+    FrameConditions conditions;
+    if (plan.level && plan.sharp && slot.levels && slot.sharp) {
+      measure_levels(*plan.level, plan.level->pixels(), frame, *slot.levels);
+      find_sharp_pixels(*plan.sharp, plan.centroid, plan.centroid.spots, frame, *slot.levels,
+                        *slot.sharp);
+      conditions = {&*slot.levels, &*slot.sharp};
+    }
+    find_centroids_rows(plan.centroid, frame, ahead, plan.grid.rows, slot.centroids, conditions);
     find_core_positions(plan.centroid, frame, slot.centroids, conditions);
+    if (plan.centroid.core_threshold > 0.0F)
+      std::fill(slot.row_due.begin(), slot.row_due.end(), std::uint8_t{1});
   }
   if (slot.centroids.n_saturated > 0) slot.frame->header.status |= kFrameSaturated;
 }
 
+/// Calls work(first, last) for every run of lenslet rows whose slopes do not stand yet.
+template <typename Work>
+void for_each_run_due(const FrameSlot& slot, Work work) noexcept {
+  const int rows = static_cast<int>(slot.row_due.size());
+  for (int first = 0; first < rows; ++first) {
+    int last = first;
+    while (last < rows && slot.row_due[static_cast<std::size_t>(last)] != 0) ++last;
+    if (last > first) work(first, last);
+    first = last;
+  }
+}
+
 void slopes(const Plan& plan, FrameSlot& slot) noexcept {
-  measure_all_slopes(plan.slopes, slot.centroids, slot.weak_slopes, slot.slopes);
+  for_each_run_due(slot, [&](int first, int last) {
+    measure_all_slopes_rows(plan.slopes, slot.centroids, first, last, slot.weak_slopes,
+                            slot.slopes);
+  });
+  count_slopes(slot.weak_slopes);
+  count_slopes(slot.slopes);
   CellSample sample;
   sample_cells(slot.centroids, slot.weak_slopes, sample);
-  subtract_turn(slot.centroids, sample, slot.weak_slopes);
+  const float turn = subtract_turn(slot.centroids, sample, slot.weak_slopes);
   const float part = systematic_part(sample, slot.weak_slopes);
   add_systematic_error(plan.slopes, slot.centroids, part, slot.weak_slopes);
   add_systematic_error(plan.slopes, slot.centroids, part, slot.slopes);
+  // These change all of the slopes, and so what is made of them.
+  if (turn != 0.0F || part > 0.0F)
+    std::fill(slot.row_due.begin(), slot.row_due.end(), std::uint8_t{1});
 }
 
 void detect(const Plan& plan, FrameSlot& slot) noexcept {
-  detect_candidates(plan.detect, slot.frame->view(), slot.centroids, slot.weak_slopes,
-                    slot.detect_workspace, slot.circulation, slot.candidates);
+  CirculationMap& map = slot.circulation;
+  for_each_run_due(slot, [&](int first, int last) {  // cells that have a lenslet of these rows
+    circulate_rows(slot.weak_slopes, std::max(first - 1, 0), std::min(last, map.value.rows()), map);
+  });
+  map.n_valid = 0;
+  for (const std::uint8_t valid : map.valid) map.n_valid += valid;
+  detect_candidates(plan.detect, slot.frame->view(), slot.centroids, slot.weak_slopes, map,
+                    slot.detect_workspace, slot.candidates);
 }
 
 void track(const Plan& plan, FrameSlot& slot) noexcept {
@@ -97,6 +147,23 @@ const std::array<Stage, kStageCount> kStages = {{
     {"hidden", hidden},
 }};
 
+void measure_ahead(const Plan& plan, FrameSlot& slot, int ready) noexcept {
+  const FrameView frame = slot.frame->view();
+  const int before = slot.rows_ahead;
+  int rows = before;
+  if (slot.follower != nullptr && plan.level && plan.sharp && slot.levels && slot.sharp) {
+    rows = slot.follower->measure_ahead(plan.centroid, *plan.level, *plan.sharp, frame, ready,
+                                        *slot.levels, *slot.sharp, slot.centroids);
+  } else if (!plan.level) {
+    while (rows < plan.grid.rows && plan.centroid.frame_rows_needed(rows) <= ready) ++rows;
+    find_centroids_rows(plan.centroid, frame, before, rows, slot.centroids);
+  }
+  if (rows == before) return;
+  measure_all_slopes_rows(plan.slopes, slot.centroids, before, rows, slot.weak_slopes, slot.slopes);
+  circulate_rows(slot.weak_slopes, std::max(before - 1, 0), rows - 1, slot.circulation);
+  slot.rows_ahead = rows;
+}
+
 Plan::Plan(const Sensor& sensor, const FrameFormat& format, Config settings)
     : config(std::move(settings)),
       optics(sensor.optics),
@@ -138,6 +205,7 @@ FrameSlot::FrameSlot(const Plan& plan_of_slot, WindowFollower* frames_follower,
     : plan(&plan_of_slot),
       follower(frames_follower),
       tracker(frames_tracker),
+      row_due(static_cast<std::size_t>(plan_of_slot.grid.rows), 1),
       centroids(plan->grid.rows, plan->grid.cols),
       slopes(plan->grid.rows, plan->grid.cols),
       weak_slopes(plan->grid.rows, plan->grid.cols),

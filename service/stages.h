@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "centroiding/centroid.h"
 #include "centroiding/frame_level.h"
@@ -76,6 +77,13 @@ struct FrameSlot {
   VortexTracker* tracker;        ///< null: every frame is judged alone
   std::int64_t frame_index = 0;  ///< counts from 0 over all frames that the feed gives
   FrameBuffer* frame = nullptr;
+  /// The frame broke off while it was read out; it has no results, and stages leave it alone.
+  bool broke_off = false;
+  /// How many rows of lenslets measure_ahead() has carried to circulation, of a frame that is still
+  /// arriving.
+  int rows_ahead = 0;
+  /// [rows of lenslets] 1 where slopes and circulation do not stand yet.
+  std::vector<std::uint8_t> row_due;
   std::optional<FrameLevels> levels;
   std::optional<SharpPixels> sharp;
   FollowState follow_state = FollowState::kSettled;
@@ -102,5 +110,12 @@ struct Stage {
 };
 
 extern const std::array<Stage, kStageCount> kStages;
+
+/// Measures centroids, slopes and circulation as far as the first `ready` rows of a frame allow.
+/// The centroid stage calls it for a frame that was handed on before its last row; the stages then
+/// go on from there, and give the bits that they give for a whole frame. Where the level follows
+/// the frames and the windows do not, there is no state that could tell the level before the frame
+/// is whole, and nothing is done.
+void measure_ahead(const Plan& plan, FrameSlot& slot, int ready) noexcept;
 
 }  // namespace curlew

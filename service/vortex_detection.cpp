@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "detect/circulation.h"
 #include "service/spot_camera.h"
 
 namespace curlew {
@@ -40,9 +39,8 @@ VortexDetectionWorkspace::VortexDetectionWorkspace(const VortexDetectionPlan& pl
 }
 
 void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const Centroids& centroids,
-                       const SlopeField& slopes, VortexDetectionWorkspace& workspace,
-                       CirculationMap& circulation, VortexList& candidates) noexcept {
-  circulate(slopes, circulation);
+                       const SlopeField& slopes, const CirculationMap& circulation,
+                       VortexDetectionWorkspace& workspace, VortexList& candidates) noexcept {
   if (plan.classifier() && workspace.classifier) {
     find_classified_vortices(*plan.classifier(), frame, centroids, circulation,
                              *workspace.classifier, candidates);

@@ -53,11 +53,11 @@ struct VortexDetectionWorkspace {
   std::optional<ClassifierWorkspace> classifier;
 };
 
-/// Finds the candidates of one frame and fills `circulation` and `candidates` anew. Never
-/// allocates. slopes: must include weak ones (measure_weak_slopes).
+/// Finds the candidates of one frame and fills `candidates` anew. Never allocates. slopes: must
+/// include weak ones (measure_weak_slopes); circulation: theirs.
 void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const Centroids& centroids,
-                       const SlopeField& slopes, VortexDetectionWorkspace& workspace,
-                       CirculationMap& circulation, VortexList& candidates) noexcept;
+                       const SlopeField& slopes, const CirculationMap& circulation,
+                       VortexDetectionWorkspace& workspace, VortexList& candidates) noexcept;
 
 /// Chooses the candidates that are probable enough to be reported, where nothing is tracked.
 void choose_probable(const VortexDetectionPlan& plan, const VortexList& candidates,

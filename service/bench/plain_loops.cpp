@@ -3,7 +3,10 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
+#include <random>
 #include <utility>
+#include <vector>
 
 #include "service/bench/timed_rounds.h"
 
@@ -26,6 +29,22 @@ FrameRotation::FrameRotation(const BenchCase& which, PixelType pixel_type, Bench
     frame->rows_ready = format_.rows;
     frames_.push_back(std::move(frame));
   }
+}
+
+FrameRotation FrameRotation::of_one_wavefront(const BenchCase& which) {
+  FrameRotation rotation(which, PixelType::kU16, BenchSlopes::kSmooth);
+  const FrameFormat& format = rotation.format_;
+  const auto* light = reinterpret_cast<const std::uint16_t*>(rotation.frames_.front()->data());
+  const std::vector<std::uint16_t> same(light, light + format.pixels());
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> noise(0.0, kBenchNoiseAdu);
+  for (const auto& frame : rotation.frames_) {
+    auto* pixels = reinterpret_cast<std::uint16_t*>(frame->data());
+    for (std::size_t i = 0; i < same.size(); ++i)
+      pixels[i] = static_cast<std::uint16_t>(
+          std::lround(std::clamp(same[i] + noise(random), 0.0, 65535.0)));
+  }
+  return rotation;
 }
 
 LoopSource FrameRotation::loop(std::size_t n, std::int64_t count) const {

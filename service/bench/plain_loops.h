@@ -25,6 +25,8 @@ std::size_t second_cache_bytes();
 class FrameRotation {
  public:
   FrameRotation(const BenchCase& which, PixelType pixel_type, BenchSlopes slopes);
+  /// Makes frames of u16 pixels that show one smooth wavefront and differ by their noise.
+  static FrameRotation of_one_wavefront(const BenchCase& which);
 
   const FrameFormat& format() const { return format_; }
   std::size_t size() const { return frames_.size(); }

@@ -8,6 +8,7 @@ void add_bench(CLI::App& app) {
   CLI::App* bench = app.add_subcommand("bench", "Benchmarks; never from a debug build");
   bench->require_subcommand(1);
   add_bench_latency(*bench);
+  add_bench_stream(*bench);
   add_bench_centroid(*bench);
   add_bench_split(*bench);
   add_bench_circulation(*bench);

@@ -15,6 +15,7 @@ void add_control(CLI::App& app);
 void add_bench(CLI::App& app);
 // The next eleven are the commands of bench.
 void add_bench_latency(CLI::App& bench);
+void add_bench_stream(CLI::App& bench);
 void add_bench_centroid(CLI::App& bench);
 void add_bench_split(CLI::App& bench);
 void add_bench_circulation(CLI::App& bench);

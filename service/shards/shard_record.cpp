@@ -217,7 +217,8 @@ ShardRecord read_shard_record(const std::string& path) {
 }
 
 std::string text_of(const FollowerMemory& memory) {
-  std::string text = fmt::format("{};{};", memory.frames, memory.started ? 1 : 0);
+  std::string text = fmt::format("{};{};{},{},", memory.frames, memory.started ? 1 : 0,
+                                 memory.level.noise, memory.level.bound);
   for (const float c : memory.model.x) text += fmt::format("{},", c);
   for (const float c : memory.model.y) text += fmt::format("{},", c);
   for (const std::int8_t seen : memory.seen) text += static_cast<char>('0' + seen);
@@ -237,6 +238,8 @@ FollowerMemory follower_memory_from(const std::string& text, int rows, int cols)
   int started = 0;
   take(memory.frames);
   take(started);
+  take(memory.level.noise);
+  take(memory.level.bound);
   for (float& c : memory.model.x) take(c);
   for (float& c : memory.model.y) take(c);
   memory.started = started != 0;

@@ -257,7 +257,8 @@ TEST(WindowFollower, FollowsADriftOfAPitchInAHundredFrames) {
 
 bool same(const FollowerMemory& a, const FollowerMemory& b) {
   return a.frames == b.frames && a.started == b.started && a.model.x == b.model.x &&
-         a.model.y == b.model.y && std::equal(a.seen.begin(), a.seen.end(), b.seen.begin());
+         a.model.y == b.model.y && a.level.noise == b.level.noise &&
+         a.level.bound == b.level.bound && std::equal(a.seen.begin(), a.seen.end(), b.seen.begin());
 }
 
 // Two followers, of which one comes later, know the same after a few settlings; and one that

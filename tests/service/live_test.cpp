@@ -73,8 +73,8 @@ class Live : public ::testing::TestWithParam<Threading> {
     return std::make_shared<const Plan>(sensor_, simulator_.format(), config);
   }
   std::unique_ptr<Camera> camera(double rate_hz, std::int64_t frames = -1) const {
-    return make_paced_camera(std::make_unique<SameFrame>(one_vortex(), frames), rate_hz,
-                             {"test", {}, {}}, {});
+    return make_paced_camera(std::make_unique<SameFrame>(one_vortex(), frames),
+                             {.rate_hz = rate_hz, .readout_us = 0.0}, {"test", {}, {}}, {});
   }
 
   Simulator simulator_;

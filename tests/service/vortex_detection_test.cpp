@@ -9,6 +9,7 @@
 
 #include "acquisition/simulator/simulator.h"
 #include "core/error.h"
+#include "detect/circulation.h"
 #include "service/bench/bench_frames.h"
 #include "service/bench/detection_dataset.h"
 #include "service/bench/detection_score.h"
@@ -206,7 +207,8 @@ TEST(VortexDetection, WhatIsNotFiniteIsLeftOut) {
     const Centroids centroids(10, 10);
     CirculationMap circulation(10, 10);
     VortexList candidates(plan.candidate_capacity());
-    detect_candidates(plan, {}, centroids, slopes, workspace, circulation, candidates);
+    circulate(slopes, circulation);
+    detect_candidates(plan, {}, centroids, slopes, circulation, workspace, candidates);
     for (const Vortex& v : candidates)
       EXPECT_TRUE(std::isfinite(v.x + v.y + v.circulation + v.significance + v.probability));
   }

@@ -127,6 +127,22 @@ TEST(BenchCommands, LatencyByStageAndBySize) {
 #endif
 }
 
+TEST(BenchCommands, StreamedFramesBesideWholeOnes) {
+#ifdef NDEBUG
+  const ScratchDirectory scratch;
+  const ProgramRun run =
+      run_curlew(scratch, "bench stream --rows 8 --cols 8 --window 8 --rounds 20 --json");
+  EXPECT_EQ(run.exit_code, 0) << run.err;
+  const json said = json::parse(run.out, nullptr, false);
+  EXPECT_EQ(said["cases"][0]["same_bits"], true);
+  for (const char* name : {"whole", "streamed", "ahead", "slowest", "plain_rows", "read"})
+    expect_times(said["cases"][0], name);
+  const ProgramRun refused = run_curlew(scratch, "bench stream --rows 2 --cols 2 --window 8");
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_NE(refused.err.find("12 lenslets"), std::string::npos) << refused.err;
+#endif
+}
+
 TEST(BenchCommands, CompareWithAnEarlierRun) {
 #ifdef NDEBUG
   const ScratchDirectory scratch;
