@@ -79,6 +79,16 @@ class Camera {
     throw Failure(description().append(" takes no software trigger, set trigger = \"software\""));
   }
 
+  /// Returns the exposure time in µs, or 0 where the camera does not tell it.
+  virtual double exposure_us() { return 0.0; }
+  /// Sets the exposure time while frames come, held within what the camera can do, and returns the
+  /// one that it has now. Throws Failure, which names the device, where it cannot be set. One
+  /// thread at a time calls these two.
+  virtual double set_exposure_us(double exposure_us) {
+    static_cast<void>(exposure_us);
+    throw Failure(description().append(" has no exposure time that can be set"));
+  }
+
   /// Returns why the camera closed the exchange; empty while it is well, and if it came to its
   /// natural end.
   virtual std::string failure() const = 0;

@@ -53,6 +53,12 @@ struct CameraOptions {
   int height_px = 0;         ///< rows of the region
   std::string pixel_format;  ///< the camera's own word: Mono8, Mono10p, Mono12, Mono16, …
   double exposure_us = 0.0;
+  /// Whether the exposure follows the light, so that the brightest spots stay at exposure_target of
+  /// saturation; while something is recorded only if auto_exposure_recording says so.
+  bool auto_exposure = false;
+  double exposure_target = 0.6;
+  double max_exposure_us = 1e6;  ///< the longest that auto_exposure may set
+  bool auto_exposure_recording = false;
   double gain_db = -1.0;
   double frame_rate_hz = 0.0;  ///< also the rate of sim: and file:, where 0 means 1000 Hz
   double readout_us = 0.0;     ///< sim: and file: from first row to last; 0: frames come whole

@@ -47,7 +47,11 @@ std::unique_ptr<Camera> open_camera(const CameraOptions& options, const ThreadSt
     throw UsageError("camera.readout_us is for sim: and file: cameras; leave it out for " + source);
   if (kind == "aravis") return open_aravis_camera(name, options, thread_start);
   if (kind == "isio") return open_stream_camera(name, thread_start);
-  if (kind == "sim") return open_simulated_camera(name, pace_of(options), thread_start);
+  if (kind == "sim") {
+    auto camera = open_simulated_camera(name, pace_of(options), thread_start);
+    if (options.exposure_us > 0.0) camera->set_exposure_us(options.exposure_us);
+    return camera;
+  }
   if (kind == "file") return open_file_camera(name, pace_of(options), thread_start);
   if (kind != "usb") refuse(source);
   const std::size_t middle = name.find(':');

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <exception>
 #include <mutex>
 #include <thread>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -23,6 +25,9 @@ using Clock = std::chrono::steady_clock;
 
 constexpr double kDefaultRateHz = 1000.0;
 constexpr std::int64_t kFramesDrawn = 100;
+constexpr double kDrawnExposure_us = 1000.0;  // of simulated frames
+constexpr double kLeastExposure_us = 1.0;
+constexpr double kLongestExposure_us = 1e6;
 
 Clock::duration duration_of(double seconds) {
   return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
@@ -47,6 +52,7 @@ class PacedCamera final : public Camera {
         period_(duration_of(1.0 / pace.rate_hz)),
         readout_(duration_of(pace.readout_us * 1e-6)),
         nature_(std::move(nature)),
+        exposure_us_(nature_.exposure_us),
         thread_start_(std::move(thread_start)),
         scratch_(source_->format()) {}
   ~PacedCamera() override { stop(); }
@@ -69,6 +75,13 @@ class PacedCamera final : public Camera {
   void stop() noexcept override {
     stopping_ = true;
     if (thread_.joinable()) thread_.join();
+  }
+
+  double exposure_us() override { return exposure_us_; }
+  double set_exposure_us(double exposure_us) override {
+    if (nature_.exposure_us <= 0.0) return Camera::set_exposure_us(exposure_us);
+    exposure_us_ = std::clamp(exposure_us, kLeastExposure_us, kLongestExposure_us);
+    return exposure_us_;
   }
 
   std::string failure() const override {
@@ -102,6 +115,24 @@ class PacedCamera final : public Camera {
   static void stamp(FrameHeader& header) {
     header.received_ns = utc_now_ns();
     header.received = Clock::now();
+  }
+
+  /// Makes the frame what it is at the exposure of now.
+  void expose(FrameBuffer& frame) const {
+    const double exposure_us = exposure_us_;
+    if (exposure_us == nature_.exposure_us) return;
+    const double factor = exposure_us / nature_.exposure_us;
+    const double bias = nature_.bias_adu;
+    const double most = nature_.detector.saturation_adu;
+    const auto scale = [&](auto* pixels) {
+      for (std::size_t i = 0; i < frame.format().pixels(); ++i)
+        pixels[i] = static_cast<std::remove_reference_t<decltype(*pixels)>>(std::clamp(
+            std::round(bias + factor * (static_cast<double>(pixels[i]) - bias)), 0.0, most));
+    };
+    if (frame.format().pixel_type == PixelType::kU16)
+      scale(reinterpret_cast<std::uint16_t*>(frame.data()));
+    else
+      scale(reinterpret_cast<std::uint8_t*>(frame.data()));
   }
 
   /// Hands the frame on with its first rows, and copies each row of scratch_ when it is due.
@@ -150,6 +181,7 @@ class PacedCamera final : public Camera {
         const bool rolling = readout_ > Clock::duration::zero();
         FrameBuffer& into = buffer != nullptr && !rolling ? *buffer : scratch_;
         if (source_->next(into) == Delivery::kEnd) break;
+        expose(into);
         wait_until(due);
         // If the rate cannot be kept, frames that are late are not caught up with in a burst.
         due = std::max(due + period_, Clock::now() - period_);
@@ -183,6 +215,7 @@ class PacedCamera final : public Camera {
   Clock::duration period_;
   Clock::duration readout_;  ///< of a frame; 0 if it comes whole
   PacedCameraNature nature_;
+  std::atomic<double> exposure_us_;
   ThreadStart thread_start_;
   /// Takes the frames for which there is no buffer, and those that are read out row by row.
   FrameBuffer scratch_;
@@ -230,11 +263,12 @@ SimulatorOptions simulated_camera_options(const std::string& preset) {
 
 std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, const Pace& pace,
                                               const ThreadStart& thread_start) {
-  Simulator simulator(simulated_camera_options(preset));
-  return make_paced_camera(
-      std::make_unique<LoopSource>(draw_frames(simulator)), pace,
-      {"simulated camera, preset " + preset, simulator.optics(), simulator.detector()},
-      thread_start);
+  const SimulatorOptions options = simulated_camera_options(preset);
+  Simulator simulator(options);
+  return make_paced_camera(std::make_unique<LoopSource>(draw_frames(simulator)), pace,
+                           {"simulated camera, preset " + preset, simulator.optics(),
+                            simulator.detector(), kDrawnExposure_us, options.bias_adu},
+                           thread_start);
 }
 
 }  // namespace curlew

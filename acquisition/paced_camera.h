@@ -16,6 +16,10 @@ struct PacedCameraNature {
   std::string description;
   Optics optics;
   Detector detector;
+  /// The exposure at which the source's frames were taken, µs. With another one the camera sends
+  /// what lies above bias_adu in proportion, up to saturation. 0: the exposure cannot be set.
+  double exposure_us = 0.0;
+  double bias_adu = 0.0;
 };
 
 /// Says how a PacedCamera sends its frames.
@@ -38,7 +42,7 @@ std::unique_ptr<Camera> open_file_camera(const std::string& path, const Pace& pa
                                          const ThreadStart& thread_start);
 
 /// Opens a camera of simulated frames of a preset, which are drawn beforehand and sent over and
-/// over, without end. Throws UsageError for an unknown preset.
+/// over, without end, as if exposed for 1000 µs. Throws UsageError for an unknown preset.
 std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, const Pace& pace,
                                               const ThreadStart& thread_start);
 

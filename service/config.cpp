@@ -81,6 +81,10 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("camera", "height_px", camera.height_px, Range{0, 65535});
   visit("camera", "pixel_format", camera.pixel_format, kNotNegative);
   visit("camera", "exposure_us", camera.exposure_us, kNotNegative);
+  visit("camera", "auto_exposure", camera.auto_exposure, kNotNegative);
+  visit("camera", "exposure_target", camera.exposure_target, Range{0.05, 0.9});
+  visit("camera", "max_exposure_us", camera.max_exposure_us, Range{1, 1e9});
+  visit("camera", "auto_exposure_recording", camera.auto_exposure_recording, kNotNegative);
   visit("camera", "gain_db", camera.gain_db, Range{-1, 1000});
   visit("camera", "frame_rate_hz", camera.frame_rate_hz, Range{0, 1e6});
   visit("camera", "readout_us", camera.readout_us, Range{0, 1e7});

@@ -60,6 +60,8 @@ class AravisCamera final : public Camera {
   void start(FrameExchange& exchange) override;
   void stop() noexcept override;
   void trigger() override;
+  double exposure_us() override;
+  double set_exposure_us(double exposure_us) override;
   std::string failure() const override { return link_->failure(); }
   FrameCounts counts() const override {
     FrameCounts counts = receiver_->counts();
@@ -233,6 +235,24 @@ void AravisCamera::trigger() {
   arv_camera_software_trigger(camera_.get(), error.out());
   if (error)
     throw Failure(fmt::format("{} takes no software trigger: {}", description_, error.text()));
+}
+
+double AravisCamera::exposure_us() {
+  AravisError error;
+  const double exposure_us = arv_camera_get_exposure_time(camera_.get(), error.out());
+  return error ? 0.0 : exposure_us;
+}
+
+double AravisCamera::set_exposure_us(double exposure_us) {
+  double low = 0.0;
+  double high = 0.0;
+  AravisError error;
+  arv_camera_get_exposure_time_bounds(camera_.get(), &low, &high, error.out());
+  if (!error)
+    arv_camera_set_exposure_time(camera_.get(), std::clamp(exposure_us, low, std::max(low, high)),
+                                 error.out());
+  if (error) throw Failure(fmt::format("{} takes no exposure: {}", description_, error.text()));
+  return this->exposure_us();
 }
 
 }  // namespace

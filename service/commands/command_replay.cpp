@@ -166,7 +166,7 @@ void print_input(const ReplayOptions& options, const FitsSource& source, const S
 struct ReplayFiles {
   std::unique_ptr<ResultsFile> results;
   std::unique_ptr<JsonLines> lines;
-  std::unique_ptr<Sweep> sweep;  ///< the files of the sweep's other configurations
+  std::unique_ptr<Sweep> sweep;            ///< the files of the sweep's other configurations
   std::unique_ptr<FrameModes> line_modes;  ///< null if the lines have no Zernikes
 
   void commit() const {

@@ -44,6 +44,10 @@ Daemon::Daemon(std::function<Config()> configure, DaemonLimits limits, const Air
   if (!control.empty()) control_socket_ = std::make_unique<ControlSocket>(control);
   serve_metrics();
   serve_page();
+  if (pipeline_.config().camera.auto_exposure) {
+    exposure_ = std::make_unique<AutoExposure>(pipeline_.config().camera);
+    pipeline_.show_on(exposure_->tap());
+  }
   if (!watch) return;
   watch_ = std::make_unique<TerminalWatch>();
   pipeline_.show_on(watch_->tap());
@@ -140,11 +144,24 @@ void Daemon::supervise(const std::atomic<bool>& finished) {
     if (std::exchange(seen_signs, signs) != signs) last_sign = Clock::now();
     if (Clock::now() - last_sign < kLongestSilence) supervisor_.watchdog();
     if (watch_) watch_->draw(status_line_);
+    follow_exposure();
     if (Clock::now() >= next_second) {
       every_second();
       next_second += std::chrono::seconds(1);
     }
   } while (!finished);
+}
+
+/// Adapts the camera's exposure to the light, where that is configured.
+void Daemon::follow_exposure() {
+  if (!exposure_) return;
+  const StatusSnapshot status = status_.snapshot();
+  const auto [detector, pitch_px] = pipeline_.detector_and_pitch_px();
+  const std::string said = exposure_->step(
+      {[this] { return connection_.exposure_us(); },
+       [this](double exposure_us) { return connection_.set_exposure_us(exposure_us); }},
+      detector, pitch_px, status.recording && !status.recording_paused);
+  if (!said.empty()) spdlog::info("{}", said);
 }
 
 void Daemon::every_second() {

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "service/config.h"
+#include "service/daemon/auto_exposure.h"
 #include "service/daemon/control_socket.h"
 #include "service/daemon/daemon_connection.h"
 #include "service/daemon/daemon_pipeline.h"
@@ -56,6 +57,7 @@ class Daemon {
   void serve_page();
   void supervise(const std::atomic<bool>& finished);
   void every_second();
+  void follow_exposure();
   std::string answer(const std::string& word);
   DaemonFacts facts() const;
 
@@ -70,8 +72,9 @@ class Daemon {
   std::unique_ptr<LivePage> page_;
   std::unique_ptr<PageServer> page_server_;
   StatusPrinter printer_;
-  std::unique_ptr<TerminalWatch> watch_;  ///< It is null where nobody watches on the terminal.
-  std::string status_line_;               ///< of the last second
+  std::unique_ptr<TerminalWatch> watch_;    ///< It is null where nobody watches on the terminal.
+  std::unique_ptr<AutoExposure> exposure_;  ///< It is null where the exposure stays.
+  std::string status_line_;                 ///< of the last second
 };
 
 }  // namespace curlew

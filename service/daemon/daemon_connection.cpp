@@ -178,4 +178,16 @@ void DaemonConnection::expose() {
   camera_->trigger();
 }
 
+double DaemonConnection::exposure_us() {
+  const std::lock_guard lock(mutex_);
+  if (camera_ == nullptr) throw Failure("no camera is streaming");
+  return camera_->exposure_us();
+}
+
+double DaemonConnection::set_exposure_us(double exposure_us) {
+  const std::lock_guard lock(mutex_);
+  if (camera_ == nullptr) throw Failure("no camera is streaming");
+  return camera_->set_exposure_us(exposure_us);
+}
+
 }  // namespace curlew

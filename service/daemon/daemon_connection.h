@@ -40,6 +40,11 @@ class DaemonConnection {
   /// camera streams, or this one has no software trigger.
   void expose();
 
+  /// As Camera has them, for the camera that streams. Any thread may call them. Failure where none
+  /// streams.
+  double exposure_us();
+  double set_exposure_us(double exposure_us);
+
   /// Its `stop` tells that run() is about to return. Its `signs_of_life` grow while run() is well.
   const FeedControl& control() const { return control_; }
 

@@ -202,7 +202,7 @@ void DaemonPipeline::run(LiveFeed& feed) {
                                                            std::int64_t dropped) {
     if (writer_) writer_->add(slot, dropped_before + dropped);
     if (page_ != nullptr) page_->pass(slot, dropped_before + dropped);
-    if (tap_ != nullptr) tap_->pass(slot, dropped_before + dropped);
+    for (FrameTap* tap : taps_) tap->pass(slot, dropped_before + dropped);
     if (air_) air_->add(slot);
     status_.result_published(slot);
   };
@@ -280,6 +280,11 @@ void DaemonPipeline::adopt_pending_plan() {
   const std::lock_guard lock(mutex_);
   if (pending_plan_ && pipeline_ && pipeline_->adopt(pending_plan_))
     plan_ = std::exchange(pending_plan_, nullptr);
+}
+
+std::pair<Detector, double> DaemonPipeline::detector_and_pitch_px() const {
+  const std::lock_guard lock(mutex_);
+  return {sensor_.detector, sensor_.grid.pitch_px()};
 }
 
 bool DaemonPipeline::trigger() {

@@ -9,6 +9,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "centroiding/sensor.h"
@@ -42,7 +43,7 @@ class DaemonPipeline {
   /// The page sees every frame from now on. Call it before prepare(); the page must outlive run().
   void show_on(LivePage& page) { page_ = &page; }
   /// The same for a tap.
-  void show_on(FrameTap& tap) { tap_ = &tap; }
+  void show_on(FrameTap& tap) { taps_.push_back(&tap); }
 
   /// Makes the pipeline and the recorder for frames of this format, or keeps those of the last
   /// connection where they fit. connections_before: the number of connections before this one. It
@@ -65,6 +66,9 @@ class DaemonPipeline {
   /// Gives the running pipeline the plan that a reload has made. Does nothing where there is none,
   /// or where the pipeline still takes up an earlier plan: call it again and again.
   void adopt_pending_plan();
+
+  /// Returns the detector and the pitch in px of the sensor. Any thread may call it.
+  std::pair<Detector, double> detector_and_pitch_px() const;
 
   /// Triggers the recorder. Returns false where no recorder waits for a trigger.
   bool trigger();
@@ -111,7 +115,7 @@ class DaemonPipeline {
   std::unique_ptr<ResultWriter> writer_;      ///< It is null where no JSON lines are written.
   std::unique_ptr<AirWatch> air_;             ///< It is null where the air is not looked at.
   LivePage* page_ = nullptr;                  ///< It is null where there is no page.
-  FrameTap* tap_ = nullptr;                   ///< It is null where nobody watches on a terminal.
+  std::vector<FrameTap*> taps_;               ///< of the terminal and of the exposure
   SnapshotExchange snapshots_;
   RunReport report_;
 };

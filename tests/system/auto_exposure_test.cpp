@@ -1,0 +1,85 @@
+// The daemon keeps a simulated camera's spots bright and unsaturated.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "tests/support/program.h"
+#include "tests/support/scratch_directory.h"
+#include "tests/system/daemon_fixture.h"
+
+namespace curlew {
+namespace {
+
+struct Watched {
+  std::vector<nlohmann::json> lines;
+  std::int64_t changes = 0;
+  std::string err;
+};
+
+/// Runs the daemon for five seconds on a simulated camera with this exposure; 1000 us is right.
+Watched watch(const std::string& exposure_us, const std::string& more = "") {
+  const ScratchDirectory scratch;
+  write_bytes(scratch / "c.toml",
+              "[camera]\nsource = \"sim:plane\"\nframe_rate_hz = 100\nauto_exposure = true\n"
+              "exposure_us = " +
+                  exposure_us + "\n" + more);
+  const ProgramRun run = run_curlew(scratch, "run --config c.toml --jsonl lines.jsonl --seconds 5");
+  EXPECT_EQ(run.exit_code, 0) << run.err;
+  Watched watched{.lines = json_lines(scratch / "lines.jsonl"), .err = run.err};
+  const std::string change = "us instead of";
+  for (std::size_t at = run.err.find(change); at != std::string::npos;
+       at = run.err.find(change, at + 1))
+    ++watched.changes;
+  return watched;
+}
+
+/// Returns how many lenslets were measured in the frames that came later than this after the first.
+std::vector<std::int64_t> measured_after(const Watched& watched, double seconds) {
+  std::vector<std::int64_t> valid;
+  const auto first_ns = watched.lines.front()["received_ns"].get<std::int64_t>();
+  for (const nlohmann::json& line : watched.lines)
+    if (static_cast<double>(line["received_ns"].get<std::int64_t>() - first_ns) > seconds * 1e9)
+      valid.push_back(line["n_valid"].get<std::int64_t>());
+  return valid;
+}
+
+TEST(AutoExposure, SettlesWithinTwoSecondsFromAHundredTimesTooMuchAndTooLittle) {
+  const double settled_s = kSanitized ? 3.5 : 2.0;
+  for (const std::string exposure_us : {"100000", "10"}) {
+    const Watched watched = watch(exposure_us);
+    ASSERT_FALSE(watched.lines.empty()) << watched.err;
+    EXPECT_EQ(watched.lines.front()["n_valid"], 0) << exposure_us << ": it must begin wrong";
+    const std::vector<std::int64_t> valid = measured_after(watched, settled_s);
+    ASSERT_FALSE(valid.empty());
+    EXPECT_EQ(std::count(valid.begin(), valid.end(), 256), std::ssize(valid)) << watched.err;
+    EXPECT_GE(watched.changes, 2) << watched.err;
+    EXPECT_LE(watched.changes, 6) << watched.err;
+  }
+}
+
+TEST(AutoExposure, RestsWhileFramesAreRecorded) {
+  const ScratchDirectory scratch;
+  const Watched watched = watch("4000", "[recorder]\nmode = \"continuous\"\npath = \"" +
+                                            (scratch / "frames").string() + "\"\n");
+  EXPECT_EQ(watched.changes, 0) << watched.err;
+  EXPECT_NE(watched.err.find("auto_exposure rests while frames are recorded"), std::string::npos)
+      << watched.err;
+}
+
+TEST(AutoExposure, SaysWhereACameraHasNoExposure) {
+  const ScratchDirectory scratch;
+  const ProgramRun made =
+      run_curlew(scratch, "simulate --preset plane --frames 5 --out plane.fits --rows 8 --cols 8");
+  ASSERT_EQ(made.exit_code, 0) << made.err;
+  ASSERT_EQ(run_curlew(scratch, "calibrate plane.fits --out sensor.fits").exit_code, 0);
+  write_bytes(scratch / "c.toml",
+              "[camera]\nsource = \"file:plane.fits\"\nframe_rate_hz = 5\nauto_exposure = true\n"
+              "[daemon]\nsensor = \"sensor.fits\"\n");
+  const ProgramRun run = run_curlew(scratch, "run --config c.toml");
+  EXPECT_NE(run.err.find("does not tell its exposure time"), std::string::npos) << run.err;
+}
+
+}  // namespace
+}  // namespace curlew
