@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <span>
 
 #include "core/as_size.h"
@@ -132,22 +133,21 @@ float level_at_corner(const Image<float>& level, int r, int c) noexcept {
   return 0.25F * ((level(r - 1, c - 1) + level(r - 1, c)) + (level(r, c - 1) + level(r, c)));
 }
 
-/// Collects how far the blocks' pixels lie from the level, of some where there are many.
-std::size_t collect_residuals(const LevelPlan& plan, FrameLevels& levels) noexcept {
+/// Collects how far the pixels of blocks between lenslet rows [first, last) and those before lie
+/// from the level, of some where there are many.
+void collect_residuals(const LevelPlan& plan, int first, int last, FrameLevels& levels) noexcept {
   const std::size_t n = as_size(plan.block_pixels());
   const std::size_t inner = as_size(plan.rows() - 1) * as_size(plan.cols() - 1) * n;
   const std::size_t stride = inner / kMaxResiduals + 1;
-  std::size_t kept = 0;
-  std::size_t next = 0;  // the next one, counted from the block at hand
-  for (int r = 1; r < plan.rows(); ++r) {
+  for (int r = std::max(first, 1); r < last; ++r) {
     for (int c = 1; c < plan.cols(); ++c) {
       const float* value = levels.values.data() + as_size(r * (plan.cols() + 1) + c) * n;
-      for (; next < n; next += stride)
-        levels.residuals[kept++] = std::abs(value[next] - level_at_corner(levels.level, r, c));
-      next -= n;
+      for (; levels.next_residual < n; levels.next_residual += stride)
+        levels.residuals[levels.n_residuals++] =
+            std::abs(value[levels.next_residual] - level_at_corner(levels.level, r, c));
+      levels.next_residual -= n;
     }
   }
-  return kept;
 }
 
 /// The rms within three σ, σ from the median; a Gaussian keeps .9733 of its variance there.
@@ -237,6 +237,8 @@ FrameLevels::FrameLevels(const LevelPlan& plan)
 
 void begin_levels(FrameLevels& levels) noexcept {
   levels.corner_rows = levels.raw_rows = levels.rows = 0;
+  levels.n_residuals = levels.next_residual = 0;
+  levels.highest = std::numeric_limits<float>::lowest();
 }
 
 void measure_level_rows(const LevelPlan& plan, const std::vector<LevelPixel>& pixels,
@@ -264,12 +266,15 @@ void measure_level_rows(const LevelPlan& plan, const std::vector<LevelPixel>& pi
   if (end <= levels.rows) return;
   smooth_down(levels.raw, levels.rows, end, levels.scratch);
   smooth_across(levels.scratch, levels.rows, end, levels.level);
+  const float* first = &levels.level(levels.rows, 0);
+  const float* last = first + as_size(end - levels.rows) * as_size(plan.cols());
+  levels.highest = std::max(levels.highest, *std::max_element(first, last));
+  collect_residuals(plan, levels.rows, end, levels);
   levels.rows = end;
 }
 
 void finish_levels(const LevelPlan& plan, FrameLevels& levels) noexcept {
-  levels.highest = *std::max_element(levels.level.begin(), levels.level.end());
-  levels.noise = noise_of({levels.residuals.data(), collect_residuals(plan, levels)});
+  levels.noise = noise_of({levels.residuals.data(), levels.n_residuals});
   go_by(plan, {.noise = levels.noise, .bound = levels.highest}, levels);
 }
 

@@ -102,6 +102,8 @@ struct FrameLevels {
   int corner_rows = 0;
   int raw_rows = 0;
   int rows = 0;  ///< of `level`
+  std::size_t n_residuals = 0;
+  std::size_t next_residual = 0;  ///< the pixel of the next one, counted from the next block
 };
 
 /// Measures the level and the noise of one frame, of the plan's format, in the pixels that

@@ -18,10 +18,6 @@ constexpr float kSurelyNear = 0.3F;   // One nearer than this never is.
 constexpr float kResiduals = 6.0F;    // between these, this many times the rms
 constexpr float kOfUniform = 0.7F;    // second moments over those of an evenly lit window
 constexpr float kSurelyAlone = 0.1F;  // A spot beside lost ones must be as near as this.
-// A spot's flux over its reference's, where the median lenslet's is 1: between stray light and
-// glare.
-constexpr float kDimmest = 0.15F;
-constexpr float kBrightest = 10.0F;
 constexpr float kNarrow = 0.5F;  // A spot's second moments are at least this of the reference's.
 constexpr float kWellSampled = 0.8F;  // px², the σ² of spots whose width pixels tell
 constexpr float kLeastSpots = 0.45F;  // of the lenslets with light, for the fit to be believed
@@ -36,7 +32,6 @@ constexpr std::int8_t kSeenMax = 8;  // frames after which a lenslet's light is 
 constexpr auto kValidByte = static_cast<std::uint8_t>(LensletState::kValid);
 constexpr auto kFaintByte = static_cast<std::uint8_t>(LensletState::kFaint);
 constexpr auto kAtEdgeByte = static_cast<std::uint8_t>(LensletState::kAtEdge);
-constexpr auto kSaturatedByte = static_cast<std::uint8_t>(LensletState::kSaturated);
 
 const std::uint8_t* state_bytes(const Centroids& centroids) noexcept {
   return reinterpret_cast<const std::uint8_t*>(centroids.state.data());
@@ -156,66 +151,39 @@ void SpotJudge::fit(const WindowPlaces& places, const Centroids& centroids,
 /// Marks the lenslets whose spot lies near the model, and counts.
 void SpotJudge::find_spots(const WindowPlaces& places, const Centroids& centroids, float typical,
                            SpotFit& found) noexcept {
-  static_assert(kWellFormed == kNearModel + 1);  // They are added up.
-  const int rows = spot_.rows();
-  const std::size_t cols = as_size(spot_.cols());
   const float near_px =
       std::clamp(kResiduals * found.residual_px, kSurelyNear * pitch_px_, kNear * pitch_px_);
-  // Where spots scatter widely anyway, a weak one may be anywhere in its window.
-  const int scattered = kResiduals * found.residual_px > kNear * pitch_px_ ? 1 : 0;
   const float surely_px = std::max(kResiduals * found.residual_px, kSurelyAlone * pitch_px_);
-  const float near_px2 = near_px * near_px;
-  const float surely_px2 = surely_px * surely_px;
-  int spots = 0, light = 0, same = 0, were_lit = 0;
-  std::int32_t largest = 0;  // the bits of a float that is not negative, which are in its order
+  const SpotLimits limits{.far_px2 = near_px * near_px,
+                          .near_px2 = surely_px * surely_px,
+                          .typical = typical,
+                          // Where spots scatter widely anyway, a weak one may be anywhere.
+                          .weak_may_be = kResiduals * found.residual_px > kNear * pitch_px_};
+  SpotCounts counts;
+  const int rows = spot_.rows();
+  const std::size_t cols = as_size(spot_.cols());
   for (int r = 0; r < rows; ++r) {
-    const LowOrders::Row row = found.model.along(model_coordinate(static_cast<float>(r), rows));
-    const std::size_t first = as_size(r) * cols;
-    const std::uint8_t* __restrict state = state_bytes(centroids) + first;
-    const float* __restrict flux = &centroids.flux_adu[first];
-    const float* __restrict of_reference = &flux_adu_[first];
-    const float* __restrict x_px = &centroids.x_px[first];
-    const float* __restrict y_px = &centroids.y_px[first];
-    const float* __restrict xx = &centroids.xx_px2[first];
-    const float* __restrict yy = &centroids.yy_px2[first];
-    const float* __restrict widest = &widest_px2_[first];
-    const float* __restrict ref_x = &ref_x_px_[first];
-    const float* __restrict ref_y = &ref_y_px_[first];
-    const float* __restrict place_x = &places.x_px[first];
-    const float* __restrict place_y = &places.y_px[first];
-    const float* __restrict u = column_u_.data();
-    const std::uint8_t* __restrict lit = &lit_[first];
-    std::uint8_t* __restrict spot = &spot_[first];
-    for (std::size_t c = 0; c < cols; ++c) {
-      const int valid = state[c] == kValidByte ? 1 : 0;
-      const int at_edge = state[c] == kAtEdgeByte ? 1 : 0;
-      const int saturated = state[c] == kSaturatedByte ? 1 : 0;
-      const int weak = at_edge | ((state[c] == kFaintByte ? 1 : 0) & (flux[c] > 0.0F ? 1 : 0));
-      const float at_x = row.x[0] + u[c] * (row.x[1] + u[c] * row.x[2]);
-      const float at_y = row.y[0] + u[c] * (row.y[1] + u[c] * row.y[2]);
-      const float x = x_px[c] - ref_x[c] - place_x[c] - at_x;
-      const float y = y_px[c] - ref_y[c] - place_y[c] - at_y;
-      const float square = x * x + y * y;
-      const float expected = typical * of_reference[c];
-      const int far = (square > near_px2 ? 1 : 0) & ~(weak & scattered) & (valid | weak);
-      const int near = valid & ~far;
-      const int well = near & (xx[c] + yy[c] < widest[c] ? 1 : 0) &
-                       (flux[c] > kDimmest * expected ? 1 : 0) &
-                       (flux[c] < kBrightest * expected ? 1 : 0) & (square < surely_px2 ? 1 : 0);
-      const std::int32_t size = std::max(std::bit_cast<std::int32_t>(std::abs(at_x)),
-                                         std::bit_cast<std::int32_t>(std::abs(at_y)));
-      largest = std::max(largest, size & -near);
-      spot[c] = static_cast<std::uint8_t>(kFarOff * far + kNearModel * near + well);
-      spots += well;
-      light += valid | at_edge | saturated;
-      same += near & lit[c];
-      were_lit += lit[c];
-    }
+    const std::size_t k = as_size(r) * cols;
+    const SpotRow row{.n = cols,
+                      .x = {&centroids.x_px[k], &ref_x_px_[k], &places.x_px[k]},
+                      .y = {&centroids.y_px[k], &ref_y_px_[k], &places.y_px[k]},
+                      .column_u = column_u_.data(),
+                      .flux = &centroids.flux_adu[k],
+                      .reference_flux = &flux_adu_[k],
+                      .xx = &centroids.xx_px2[k],
+                      .yy = &centroids.yy_px2[k],
+                      .widest = &widest_px2_[k],
+                      .states = state_bytes(centroids) + k,
+                      .lit = &lit_[k]};
+    mark_spots(row, found.model.along(model_coordinate(static_cast<float>(r), rows)), limits,
+               &spot_[k], counts);
   }
-  found.spots = spots;
-  found.light = light;
-  found.largest_px = std::bit_cast<float>(largest);
-  found.same_lit = static_cast<float>(were_lit - same) <= rim_slack(were_lit) || !has_stepped(same);
+  found.spots = counts.spots;
+  found.light = counts.light;
+  found.largest_px = std::bit_cast<float>(counts.largest_bits);
+  found.same_lit =
+      static_cast<float>(counts.were_lit - counts.same) <= rim_slack(counts.were_lit) ||
+      !has_stepped(counts.same);
 }
 
 /// Returns the median flux over its reference's.
@@ -328,15 +296,20 @@ void SpotJudge::remember(const Centroids& centroids) noexcept {
   // Before the first frame a lenslet counts as if it had always been as it is.
   const int step = started_ ? 1 : kSeenMax;
   if (!started_) seen_.fill(0);
-  for (std::size_t k = 0; k < seen_.size(); ++k)
-    seen[k] = static_cast<std::int8_t>(
-        std::clamp(seen[k] + (state[k] == kValidByte ? step : -step), 0, +kSeenMax));
+  const std::size_t n = seen_.size();
+  for (std::size_t k = 0; k < n; ++k) {
+    const int now = seen[k] + (state[k] == kValidByte ? step : -step);
+    seen[k] = static_cast<std::int8_t>(std::clamp(now, 0, +kSeenMax));
+  }
   started_ = true;
   mark_lit();
 }
 
 void SpotJudge::mark_lit() noexcept {
-  for (std::size_t k = 0; k < seen_.size(); ++k) lit_[k] = 2 * seen_[k] > kSeenMax ? 1 : 0;
+  const std::int8_t* __restrict seen = seen_.data();
+  std::uint8_t* __restrict lit = lit_.data();
+  const std::size_t n = seen_.size();
+  for (std::size_t k = 0; k < n; ++k) lit[k] = 2 * seen[k] > kSeenMax ? 1 : 0;
 }
 
 void SpotJudge::recall(bool started, const Image<std::int8_t>& seen) {

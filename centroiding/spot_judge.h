@@ -8,6 +8,7 @@
 #include "centroiding/centroid.h"
 #include "centroiding/low_orders.h"
 #include "centroiding/sensor.h"
+#include "centroiding/spot_marks.h"
 #include "core/centroids.h"
 #include "core/image.h"
 
@@ -23,10 +24,9 @@ struct SpotFit {
   bool same_lit = true;   ///< whether the lit lenslets are those of the frames before
 };
 
-/// Where the windows are, [rows, cols]: the windows, and the displacements, in px, of which they
-/// have been moved by the whole pixels.
+/// Where the windows are, [rows, cols]: the displacements, in px, of which they have been moved by
+/// the whole pixels.
 struct WindowPlaces {
-  const Image<CentroidPlan::Spot>& windows;
   const Image<float>& x_px;
   const Image<float>& y_px;
 };
@@ -72,11 +72,6 @@ class SpotJudge {
   const Image<std::uint8_t>& lit() const { return lit_; }
 
  private:
-  // What a lenslet's window holds, where it is not 0.
-  static constexpr std::uint8_t kNearModel = 1;  ///< a spot near the model, but dim, bright or wide
-  static constexpr std::uint8_t kWellFormed = 2;  ///< a spot near the model
-  static constexpr std::uint8_t kFarOff = 3;      ///< light too far from the model to be its spot
-
   void fit(const WindowPlaces& places, const Centroids& centroids, SpotFit& found) noexcept;
   float typical_brightness(const Centroids& centroids) noexcept;
   void find_spots(const WindowPlaces& places, const Centroids& centroids, float typical,

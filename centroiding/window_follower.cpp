@@ -13,7 +13,6 @@ namespace {
 constexpr float kFollowed = 0.15F;  // Windows stay while the spots' low orders are within this.
 // Where spots light the corners between the windows, the level rises as they come nearer.
 constexpr float kFollowedClosely = 0.05F;
-constexpr float kCentred = 0.1F;    // A spot farther from its window's middle gets it centred.
 constexpr float kCutOff = 0.2F;     // A window that the frame holds back by more loses light.
 constexpr float kHome = 0.1F;       // Windows settle at home if the low orders are within this,
 constexpr float kRounded = 0.025F;  // and else at low orders that are multiples of this.
@@ -38,6 +37,7 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
       ref_x_px_(sensor.ref_x_px),
       ref_y_px_(sensor.ref_y_px),
       windows_(plan.spots),
+      centred_(plan.spots),
       strips_(plan.strips),
       blocks_(level_plan.pixels()),
       moved_x_px_(plan.spots.rows(), plan.spots.cols()),
@@ -48,7 +48,9 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
       level_(plan.spots.rows(), plan.spots.cols()),
       model_x_px_(plan.spots.rows(), plan.spots.cols()),
       model_y_px_(plan.spots.rows(), plan.spots.cols()),
-      off_centre_(plan.spots.rows(), plan.spots.cols()) {
+      off_centre_(plan.spots.rows(), plan.spots.cols()),
+      due_(plan.spots.rows(), plan.spots.cols()),
+      first_look_(plan.spots.rows(), plan.spots.cols()) {
   LowOrders to_middles;  // from where four lenslets meet
   to_middles.x[0] = static_cast<float>(0.5 * (sensor.grid.p11 + sensor.grid.p12));
   to_middles.y[0] = static_cast<float>(0.5 * (sensor.grid.p21 + sensor.grid.p22));
@@ -74,20 +76,18 @@ bool WindowFollower::has_bad_window(const CentroidPlan::Spot& spot) const noexce
   return static_cast<float>(bad) > max_bad_fraction_ * static_cast<float>(spot.w * spot.h);
 }
 
-/// Moves lenslet k's window by whole pixels from where the calibration put it. What would leave the
-/// frame is held in it, and is lost where that is more than spots may be off.
-void WindowFollower::place_window(const CentroidPlan& plan, std::size_t k, int dx,
-                                  int dy) noexcept {
+/// Moves lenslet k's window of `windows` by whole pixels from where the calibration put it. What
+/// would leave the frame is held in it, and is lost where that is more than spots may be off.
+void WindowFollower::place_window(const CentroidPlan& plan, std::size_t k, int dx, int dy,
+                                  Image<CentroidPlan::Spot>& windows) const noexcept {
   const CentroidPlan::Spot& home = plan.spots[k];
-  CentroidPlan::Spot& spot = windows_[k];
+  CentroidPlan::Spot& spot = windows[k];
   const int back_x = back_into(home.x0 + dx, home.w, plan.frame_cols);
   const int back_y = back_into(home.y0 + dy, home.h, plan.frame_rows);
   dx += back_x;
   dy += back_y;
   spot.x0 = home.x0 + dx;
   spot.y0 = home.y0 + dy;
-  moved_x_px_[k] = static_cast<float>(dx);
-  moved_y_px_[k] = static_cast<float>(dy);
   if (static_cast<float>(std::max(std::abs(back_x), std::abs(back_y))) > kCutOff * pitch_px_)
     spot.state = LensletState::kLost;
   else if (dx == 0 && dy == 0)
@@ -110,57 +110,17 @@ void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& le
       const auto [x, y] = row.at(column_u_[as_size(c)]);
       model_x_px_[k] = std::clamp(x, -limit, limit);
       model_y_px_[k] = std::clamp(y, -limit, limit);
-      if (lenslet_[k] != 0)
-        place_window(plan, k, static_cast<int>(std::lround(model_x_px_[k])),
-                     static_cast<int>(std::lround(model_y_px_[k])));
+      if (lenslet_[k] == 0) continue;
+      place_window(plan, k, static_cast<int>(std::lround(model_x_px_[k])),
+                   static_cast<int>(std::lround(model_y_px_[k])), windows_);
+      moved_x_px_[k] = static_cast<float>(windows_[k].x0 - plan.spots[k].x0);
+      moved_y_px_[k] = static_cast<float>(windows_[k].y0 - plan.spots[k].y0);
     }
   }
+  centred_ = windows_;
+  off_centre_.fill(0);
   strips_.place(windows_, plan.frame_cols);
   count_rows_needed(level_plan);
-}
-
-/// Centres the windows of spots that lie off their middle, for this frame only. Returns whether
-/// there are any; off_centre_ says which.
-bool WindowFollower::centre_windows(const CentroidPlan& plan, const Centroids& centroids) noexcept {
-  const float near_px = kCentred * pitch_px_;
-  const float near_px2 = near_px * near_px;
-  const std::size_t cols = as_size(windows_.cols());
-  const auto off_x = [&](std::size_t k) {
-    return centroids.x_px[k] - ref_x_px_[k] - moved_x_px_[k];
-  };
-  const auto off_y = [&](std::size_t k) {
-    return centroids.y_px[k] - ref_y_px_[k] - moved_y_px_[k];
-  };
-  bool any = false;
-  for (std::size_t row = 0; row < row_changed_.size(); ++row) {
-    const std::size_t first = row * cols;
-    int off = 0;
-    for (std::size_t k = first; k < first + cols; ++k) {  // no branch, so that it is vectors
-      const float x = off_x(k), y = off_y(k);
-      const int is_off = static_cast<int>(x * x + y * y > near_px2) & judge_.has_spot(k);
-      off_centre_[k] = static_cast<std::uint8_t>(is_off);
-      off |= is_off;
-    }
-    if (off == 0) continue;
-    any = true;
-    row_changed_[row] = 1;
-    for (std::size_t k = first; k < first + cols; ++k) {
-      if (off_centre_[k] == 0) continue;
-      place_window(plan, k, static_cast<int>(std::lround(moved_x_px_[k] + off_x(k))),
-                   static_cast<int>(std::lround(moved_y_px_[k] + off_y(k))));
-    }
-  }
-  return any;
-}
-
-/// Puts windows that were centred on their spots back to where the model has them.
-void WindowFollower::return_windows(const CentroidPlan& plan) noexcept {
-  for (std::size_t k = 0; k < off_centre_.size(); ++k) {
-    if (off_centre_[k] == 0) continue;
-    off_centre_[k] = 0;
-    place_window(plan, k, static_cast<int>(std::lround(model_x_px_[k])),
-                 static_cast<int>(std::lround(model_y_px_[k])));
-  }
 }
 
 /// Measures the level where no spot is, wherever the spots are: at the corners between the windows
@@ -257,8 +217,8 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
                                           const SharpPixelPlan& sharp_plan, FrameView frame,
                                           FrameLevels& levels, SharpPixels& sharp,
                                           Centroids& centroids, SpotFit& found) noexcept {
-  bool told = false;
-  const auto look = [&] { judge_.look_at({windows_, model_x_px_, model_y_px_}, centroids, found); };
+  const Centroids* looked = &centroids;
+  const auto look = [&] { judge_.look_at({model_x_px_, model_y_px_}, *looked, found); };
   const auto measure_at = [&](const LowOrders& model) {
     place_windows(plan, level_plan, model);
     measure_levels(level_plan, blocks_, frame, levels);
@@ -266,19 +226,18 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
     assign_sharp_pixels(sharp_plan, plan, windows_, frame, levels, sharp);
     find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_, nullptr, &strips_});
     std::fill(row_changed_.begin(), row_changed_.end(), std::uint8_t{1});
-    told = false;
+    tell_windows(centroids);
+    looked = &centroids;
     look();
   };
   const auto finish = [&](FollowState state) {
-    if (!told) tell_windows(centroids);
     centroids.n_lost = static_cast<int>(
         std::count(centroids.state.begin(), centroids.state.end(), LensletState::kLost));
-    return_windows(plan);
     return state;
   };
   const auto moved = [&](LowOrders by) { return by += model_; };
 
-  told = measure_spots(plan, level_plan, sharp_plan, frame, levels, sharp, centroids);
+  looked = &measure_spots(plan, level_plan, sharp_plan, frame, levels, sharp, centroids);
   look();
   FollowState state = FollowState::kSettled;
   if (judge_.is_believed(found) && found.same_lit && found.largest_px > followed_px_ &&
@@ -302,11 +261,7 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
       return finish(dark ? FollowState::kNoLight : FollowState::kLost);
     }
   }
-  if (centre_windows(plan, centroids)) {
-    assign_sharp_pixels(sharp_plan, plan, windows_, frame, levels, sharp);
-    find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_, &off_centre_});
-    told = false;
-  }
+  centre_spots(plan, sharp_plan, frame, levels, sharp, *looked, centroids);
   judge_.judge(centroids, row_changed_);
   judge_.remember(centroids);
   find_core_positions(plan, frame, centroids, {&levels, &sharp, &windows_});

@@ -81,7 +81,7 @@ class WindowFollower {
                     FrameLevels& levels, SharpPixels& sharp, Centroids& centroids) noexcept;
 
   /// Forgets what was measured ahead of a frame that never became whole.
-  void give_up() noexcept { ahead_ = {}; }
+  void give_up() noexcept;
 
   /// [rows] 1 where measure() left a row of lenslets other than measure_ahead() did.
   const std::vector<std::uint8_t>& row_changed() const { return row_changed_; }
@@ -98,23 +98,34 @@ class WindowFollower {
   /// How far a frame that is still arriving has been measured.
   struct Ahead {
     bool begun = false;
-    int rows = 0;  ///< of lenslets
+    int rows = 0;     ///< of lenslets, where the windows are
+    int centred = 0;  ///< rows of them in which spots were measured in centred windows as well
   };
 
   void place_windows(const CentroidPlan& plan, const LevelPlan& level_plan,
                      const LowOrders& model) noexcept;
-  void place_window(const CentroidPlan& plan, std::size_t k, int dx, int dy) noexcept;
-  bool centre_windows(const CentroidPlan& plan, const Centroids& centroids) noexcept;
-  void return_windows(const CentroidPlan& plan) noexcept;
+  void place_window(const CentroidPlan& plan, std::size_t k, int dx, int dy,
+                    Image<CentroidPlan::Spot>& windows) const noexcept;
+  bool is_off_centre(const Centroids& looked, std::size_t k) const noexcept;
+  void centre_window(const CentroidPlan& plan, const Centroids& looked, std::size_t k,
+                     Centroids& centroids) noexcept;
+  void return_window(std::size_t k, Centroids& centroids) noexcept;
+  void return_windows() noexcept;
+  void centre_ahead(const CentroidPlan& plan, FrameView frame, int ready, const FrameLevels& levels,
+                    const SharpPixels& sharp, Centroids& centroids) noexcept;
+  void centre_spots(const CentroidPlan& plan, const SharpPixelPlan& sharp_plan, FrameView frame,
+                    const FrameLevels& levels, SharpPixels& sharp, const Centroids& looked,
+                    Centroids& centroids) noexcept;
   bool has_bad_window(const CentroidPlan::Spot& spot) const noexcept;
   void measure_lower_level(const LevelPlan& level_plan, FrameView frame,
                            FrameLevels& levels) noexcept;
   void count_rows_needed(const LevelPlan& level_plan) noexcept;
   void tell_windows(Centroids& centroids) const noexcept;
   bool go_by_forecast(const LevelPlan& level_plan, FrameLevels& levels) noexcept;
-  bool measure_spots(const CentroidPlan& plan, const LevelPlan& level_plan,
-                     const SharpPixelPlan& sharp_plan, FrameView frame, FrameLevels& levels,
-                     SharpPixels& sharp, Centroids& centroids) noexcept;
+  const Centroids& measure_spots(const CentroidPlan& plan, const LevelPlan& level_plan,
+                                 const SharpPixelPlan& sharp_plan, FrameView frame,
+                                 FrameLevels& levels, SharpPixels& sharp,
+                                 Centroids& centroids) noexcept;
   AcquisitionResult acquire(const CentroidPlan& plan, const LevelPlan& level_plan, FrameView frame,
                             FrameLevels& levels, const SharpPixels& sharp,
                             LowOrders& model) noexcept;
@@ -139,7 +150,8 @@ class WindowFollower {
   // The state.
   LowOrders model_;                    ///< where the windows are
   Image<CentroidPlan::Spot> windows_;  ///< the plan's, moved there
-  WindowStrips strips_;                ///< of windows_, but for those that off_centre_ has moved
+  Image<CentroidPlan::Spot> centred_;  ///< the same, but centred on the spot where off_centre_ says
+  WindowStrips strips_;                ///< of windows_
   std::vector<LevelPixel> blocks_;     ///< where the level is measured
   LevelForecast forecast_;             ///< for the frame at hand
   Image<float> moved_x_px_;            ///< by whole pixels
@@ -157,7 +169,10 @@ class WindowFollower {
   Image<float> level_;
   Image<float> model_x_px_;  ///< of each lenslet
   Image<float> model_y_px_;
-  Image<std::uint8_t> off_centre_;  ///< windows that are centred on their spot in this frame
+  Image<std::uint8_t> off_centre_;  ///< not 0 where a window of centred_ is centred
+  bool any_centred_ = false;        ///< whether there are any
+  Image<std::uint8_t> due_;         ///< those of them that are to be measured
+  Centroids first_look_;            ///< as measured in windows_, where this was done ahead
 };
 
 }  // namespace curlew

@@ -246,10 +246,12 @@ TEST(RollingReadout, TheCameraHandsFramesOnRowByRow) {
                                         {"test", {}, {}}, {});
   FrameExchange exchange(format, 6);
   FrameBuffer expected(format);
-  std::int64_t taken = 0;
+  // On a busy machine a frame may be whole before its first rows are looked at.
+  constexpr int kPatience = 40;
+  int taken = 0, most_steps = 0;
   {
     const Streaming streaming(*camera, exchange);
-    while (taken < 4) {
+    while (taken < 4 || (most_steps <= 3 && taken < kPatience)) {
       FrameBuffer* frame = exchange.take(1'000'000);
       ASSERT_NE(frame, nullptr);
       int ready = frame->rows_ready;
@@ -261,7 +263,7 @@ TEST(RollingReadout, TheCameraHandsFramesOnRowByRow) {
         ++steps;
       }
       ASSERT_EQ(ready, format.rows);
-      EXPECT_GT(steps, 3);
+      most_steps = std::max(most_steps, steps);
       do {
         ASSERT_EQ(simulator.next(expected), Delivery::kFrame);
       } while (expected.header.sequence < frame->header.sequence);
@@ -270,6 +272,7 @@ TEST(RollingReadout, TheCameraHandsFramesOnRowByRow) {
       ++taken;
     }
   }
+  EXPECT_GT(most_steps, 3);
   const FrameCounts counts = camera->counts();
   EXPECT_EQ(counts.delivered, exchange.delivered());
   EXPECT_LE(counts.aborted, 1);

@@ -52,7 +52,8 @@ class RandomScene {
     return config;
   }
 
-  /// Draws the next frame: the pattern drifts, a step comes, cosmic rays hit, and noise grows.
+  /// Draws the next frame: the pattern drifts, a step comes, some spots fade or stray, cosmic rays
+  /// hit, and noise grows.
   void draw(int number, FrameBuffer& frame) {
     const double drift_px = (0.04 * number + (number >= 5 ? 0.4 : 0.0)) * pitch_px_;
     const double noise = number == 6 ? 7.0 : 4.0;
@@ -60,8 +61,9 @@ class RandomScene {
     for (int r = 0; r < sensor.grid.rows; ++r) {
       for (int c = 0; c < sensor.grid.cols; ++c) {
         const bool fades = whole(0, 40) == 0;
+        const double stray_px = whole(0, 50) == 0 ? 0.4 * pitch_px_ : 0.0;
         const auto [x, y] = sensor.grid.pixel_from_lenslet(c, r);
-        add_spot(light, x + drift_px + uniform(-0.6, 0.6), y + uniform(-0.6, 0.6),
+        add_spot(light, x + drift_px + stray_px + uniform(-0.6, 0.6), y + uniform(-0.6, 0.6),
                  fades ? 20.0 : brightness_);
       }
     }
