@@ -12,20 +12,11 @@
 namespace curlew {
 namespace {
 
-/// Returns what speaks against the network, which was trained on sharp spots along the detector's
-/// axes, of two pixels a λ/w or more.
+/// Returns what speaks against the network. Turned lenslets do not: the spots are turned back.
 std::optional<Objection> objection_to_classifier(const Sensor& sensor) {
-  constexpr double kMaxRotation_deg = 5.0;
   constexpr double kMaxBlur = 0.3;      // λ/w
   constexpr double kMinSampling = 1.9;  // px a λ/w
   constexpr double kMaxSampling = 200.0;
-  if (std::abs(sensor.grid.rotation_deg()) > kMaxRotation_deg) {
-    return Objection{
-        fmt::format("the lenslets are turned by {:.1f} degrees against the detector, and the "
-                    "classifier knows up to {}",
-                    sensor.grid.rotation_deg(), kMaxRotation_deg),
-        "turn the camera, or take another method in [detect]"};
-  }
   const double pixels_per_lambda_w =
       2.0 * std::numbers::pi / std::abs(sensor.optics.slope_rad_per_px());
   if (!(pixels_per_lambda_w < kMaxSampling)) {

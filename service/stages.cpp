@@ -42,8 +42,9 @@ void slopes(const Plan& plan, FrameSlot& slot) noexcept {
 }
 
 void detect(const Plan& plan, FrameSlot& slot) noexcept {
-  detect_candidates(plan.detect, slot.frame->view(), slot.centroids, slot.weak_slopes,
-                    slot.detect_workspace, slot.circulation, slot.candidates);
+  detect_candidates(plan.detect, slot.frame->view(), slot.levels ? &*slot.levels : nullptr,
+                    slot.centroids, slot.weak_slopes, slot.detect_workspace, slot.circulation,
+                    slot.candidates);
 }
 
 void track(const Plan& plan, FrameSlot& slot) noexcept {
