@@ -95,7 +95,8 @@ Image<float> turned(const Image<float>& light, const FieldParameters& parameters
       float sum = 0.0F;
       for (int part = 0; part < kParts * kParts; ++part) {
         const double x = (j % side + (part % kParts + 0.5) / kParts - 0.5 * side) * scale;
-        const double y = (i % side + (part / kParts + 0.5) / kParts - 0.5 * side) * scale;
+        const int above = part / kParts;
+        const double y = (i % side + (above + 0.5) / kParts - 0.5 * side) * scale;
         sum += light_at(light, i / side * fine.window_px, j / side * fine.window_px, fine.window_px,
                         middle + std::cos(angle) * x + std::sin(angle) * y,
                         middle + std::cos(angle) * y - std::sin(angle) * x);

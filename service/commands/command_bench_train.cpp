@@ -31,10 +31,9 @@ void bench_train(const TrainOptionsOfBench& options) {
       });
   const std::string command = fmt::format(
       "curlew bench train --fields {} --validation {} --steps {} --batch {} --rate {} "
-      "--seed {}{}{}",
+      "--seed {}{}",
       training.fields, training.validation_fields, training.steps, training.batch,
-      training.learning_rate, training.seed, training.from_shipped ? " --from-shipped" : "",
-      training.only_traits ? " --only-traits" : "");
+      training.learning_rate, training.seed, training.from_shipped ? " --from-shipped" : "");
   std::ofstream file(options.out);
   file << weights_text(report, command);
   if (!file.flush()) throw Failure(fmt::format("{} cannot be written", options.out));
@@ -66,8 +65,6 @@ void add_bench_train(CLI::App& bench) {
   train->add_option("--seed", training.seed, "seed of all random numbers")->capture_default_str();
   train->add_flag("--from-shipped", training.from_shipped,
                   "begin with the weights that are compiled in, not at random");
-  train->add_flag("--only-traits", training.only_traits,
-                  "with --from-shipped: train only what the benchmark's own sensor does not use");
   train->add_option("--cache", options->cache, "folder in which simulated fields are kept")
       ->capture_default_str();
   train->add_option("--threads", training.threads, "threads that simulate fields")

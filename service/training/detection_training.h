@@ -20,7 +20,6 @@ struct TrainingOptions {
   double learning_rate = 2e-3;
   std::uint64_t seed = 1;
   bool from_shipped = false;  ///< begin with the weights that are compiled in, not at random
-  bool only_traits = false;   ///< with from_shipped: train only what the benchmark's sensor lacks
   int threads = 1;            ///< threads that simulate fields; training itself takes one
 };
 

@@ -124,8 +124,9 @@ Image<float> draw_pupil(int rows, int cols, RandomStream& random) {
     for (int col = 0; col < cols; ++col) {
       int lit = 0;
       for (int part = 0; part < kParts * kParts; ++part) {
+        const int above = part / kParts;
         const double dx = col + (part % kParts + 0.5) / kParts - 0.5 - x;
-        const double dy = row + (part / kParts + 0.5) / kParts - 0.5 - y;
+        const double dy = row + (above + 0.5) / kParts - 0.5 - y;
         const double r = std::hypot(dx, dy);
         const double off = dx * std::cos(direction) + dy * std::sin(direction);
         lit += r < radius && r >= hole && std::abs(off) >= spider ? 1 : 0;

@@ -207,7 +207,7 @@ TEST(VortexDetection, WhatTheClassifierWasNotTaughtIsRefused) {
   turned.grid.p21 = 0.2 * turned.grid.p11;
   EXPECT_EQ(refusal(turned, simulator.format(), config), "");
   Sensor blurred = sensor_of(simulator, 6, 100.0);
-  blurred.spot_blur_px = 1.0;  // where λ/w is 2 px
+  blurred.spot_blur_px = 2.0;  // where λ/w is 2 px
   EXPECT_NE(refusal(blurred, simulator.format(), config).find("spots are blurred"),
             std::string::npos);
   config.detect.method = DetectMethod::kWhitened;
