@@ -30,6 +30,10 @@ some=(--realisations 24 --validation 24)
 measure detect_lenslet "${bench[@]}" detect --lenslet 0.1 --rytov 2 --photons 1000 "${some[@]}"
 measure detect_window "${bench[@]}" detect --window 8 --rytov 2 --photons 1000 "${some[@]}"
 measure detect_sampling "${bench[@]}" detect --window 10 --sampling 3 --rytov 3 --photons 500 "${some[@]}"
+# These have what real benches do to the laboratory's frames.
+field=(--realisations 50 --validation 30)
+[ ${#quick[@]} -gt 0 ] && field=(--realisations 1 --validation 1)
+measure detect_field "${bench[@]}" detect --field "${field[@]}"
 measure false_alarms "${bench[@]}" false-alarms "${quick[@]}"
 measure classifier "${bench[@]}" classifier $([ ${#quick[@]} -gt 0 ] && echo --repeats 20)
 measure bound "${bench[@]}" bound "${quick[@]}"

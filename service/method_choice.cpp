@@ -12,20 +12,14 @@
 namespace curlew {
 namespace {
 
-/// Returns what speaks against the network, which was trained on sharp spots along the detector's
-/// axes, of two pixels a λ/w or more.
+// What the network was shown, and what it was measured at: docs/lab/detection.md, "Outside the
+// laboratory".
+constexpr double kMaxBlur = 0.8;      // λ/w
+constexpr double kMinSampling = 0.9;  // px a λ/w
+constexpr double kMaxSampling = 200.0;
+
+/// Returns what speaks against the network. Turned lenslets do not: the spots are turned back.
 std::optional<Objection> objection_to_classifier(const Sensor& sensor) {
-  constexpr double kMaxRotation_deg = 5.0;
-  constexpr double kMaxBlur = 0.3;      // λ/w
-  constexpr double kMinSampling = 1.9;  // px a λ/w
-  constexpr double kMaxSampling = 200.0;
-  if (std::abs(sensor.grid.rotation_deg()) > kMaxRotation_deg) {
-    return Objection{
-        fmt::format("the lenslets are turned by {:.1f} degrees against the detector, and the "
-                    "classifier knows up to {}",
-                    sensor.grid.rotation_deg(), kMaxRotation_deg),
-        "turn the camera, or take another method in [detect]"};
-  }
   const double pixels_per_lambda_w =
       2.0 * std::numbers::pi / std::abs(sensor.optics.slope_rad_per_px());
   if (!(pixels_per_lambda_w < kMaxSampling)) {
@@ -36,21 +30,22 @@ std::optional<Objection> objection_to_classifier(const Sensor& sensor) {
   if (blur > kMaxBlur) {
     return Objection{
         fmt::format("the reference spots are blurred: by a Gaussian of {:.2f} lambda/w rms beyond "
-                    "diffraction, and the classifier knows up to {}",
+                    "diffraction, and the classifier was taught up to {}, where its average "
+                    "precision is .30",
                     blur, kMaxBlur),
         "take the method whitened in [detect], or check the optics given to 'curlew calibrate'"};
   }
   if (pixels_per_lambda_w < kMinSampling) {
     return Objection{fmt::format("the pixels are coarse, {:.2f} a lambda/w, and the classifier "
-                                 "was taught 2",
+                                 "was measured down to 1",
                                  pixels_per_lambda_w),
                      "take the method whitened in [detect]", false};
   }
   return std::nullopt;
 }
 
-/// The network takes level and places of the spots from the sensor file. Only frames of which the
-/// configuration says that neither moves are like that.
+/// Only the configuration can say that frames are as they were calibrated: in those of a telescope
+/// the spots may be wider than in its lamp's, and then the network invents.
 bool frames_are_as_calibrated(const Config& config) {
   return !config.centroid.follow_level && !config.centroid.follow_windows;
 }
@@ -74,13 +69,15 @@ MethodChoice choose_best(const Sensor& sensor, const Config& config) {
   if (!frames_are_as_calibrated(config)) {
     return {DetectMethod::kWhitened,
             finds +
-                "; the classifier would need level and spots as they were calibrated, and "
-                "here they are followed"};
+                "; the classifier would need spots as they were calibrated, and here they are "
+                "followed (in two frames whose spots were wider it saw 25 and 64 false vortices)"};
   }
   if (states_false_alarms(config.detect))
     return {DetectMethod::kWhitened, finds + "; the classifier minds no rate of false alarms"};
-  return {DetectMethod::kClassifier,
-          "the spots suit it, and level and windows stay as they were calibrated"};
+  return {
+      DetectMethod::kClassifier,
+      "it finds more than whitened with every kind of spot that was measured: average precision "
+      ".94 against .80 at 1000 photons, .87 against .72 where 5 % of the lenslets are dark"};
 }
 
 }  // namespace

@@ -12,7 +12,7 @@ namespace curlew {
 
 /// Why a method does not suit a sensor.
 struct Objection {
-  std::string reason;  ///< half a sentence, as in "the lenslets are turned by 7.0 degrees, and …"
+  std::string reason;  ///< half a sentence, as in "the pixels are coarse, 1.00 a lambda/w, and …"
   std::string remedy;
   bool refused = true;  ///< false: the method works, but worse than others
 };

@@ -20,6 +20,11 @@ SpotCamera spot_camera(const Sensor& sensor) {
   camera.e_per_adu = sensor.detector.e_per_adu;
   camera.read_noise_e =
       std::isfinite(sensor.detector.read_noise_e) ? sensor.detector.read_noise_e : 0.0;
+  if (std::isfinite(sensor.spot_blur_px))
+    camera.blur_lambda_w = sensor.spot_blur_px / camera.pixels_per_lambda_w;
+  const double degrees =
+      sensor.optics.mirrored ? -sensor.grid.rotation_deg() : sensor.grid.rotation_deg();
+  camera.rotation_rad = degrees * std::numbers::pi / 180.0;
   camera.dark_adu = sensor.dark_adu;
   camera.response = sensor.flat;
   if (!sensor.bad_pixel.empty()) {

@@ -95,8 +95,8 @@ void detect(const Plan& plan, FrameSlot& slot) noexcept {
   });
   map.n_valid = 0;
   for (const std::uint8_t valid : map.valid) map.n_valid += valid;
-  detect_candidates(plan.detect, slot.frame->view(), slot.centroids, slot.weak_slopes, map,
-                    slot.detect_workspace, slot.candidates);
+  detect_candidates(plan.detect, slot.frame->view(), slot.levels ? &*slot.levels : nullptr,
+                    slot.centroids, slot.weak_slopes, map, slot.detect_workspace, slot.candidates);
 }
 
 void track(const Plan& plan, FrameSlot& slot) noexcept {

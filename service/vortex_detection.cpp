@@ -1,6 +1,7 @@
 #include "service/vortex_detection.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "service/spot_camera.h"
 
@@ -9,6 +10,18 @@ namespace {
 
 /// Tracks and the hidden phase take candidates down to this probability.
 constexpr double kCandidateProbability = 0.02;
+
+/// Returns how the frame differs from the calibration, which the centroids were measured with.
+FrameShift shift_of(const FrameLevels* levels, const Centroids& centroids) noexcept {
+  FrameShift shift{.spots_x_px = &centroids.low_x_px,
+                   .spots_y_px = &centroids.low_y_px,
+                   .windows_x_px = &centroids.moved_x_px,
+                   .windows_y_px = &centroids.moved_y_px};
+  if (levels == nullptr) return shift;
+  shift.level_counts = &levels->level;
+  shift.noise_counts = std::sqrt(levels->pixel_variance);
+  return shift;
+}
 
 }  // namespace
 
@@ -38,12 +51,13 @@ VortexDetectionWorkspace::VortexDetectionWorkspace(const VortexDetectionPlan& pl
   if (plan.classifier()) classifier.emplace(*plan.classifier());
 }
 
-void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const Centroids& centroids,
-                       const SlopeField& slopes, const CirculationMap& circulation,
-                       VortexDetectionWorkspace& workspace, VortexList& candidates) noexcept {
+void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const FrameLevels* levels,
+                       const Centroids& centroids, const SlopeField& slopes,
+                       const CirculationMap& circulation, VortexDetectionWorkspace& workspace,
+                       VortexList& candidates) noexcept {
   if (plan.classifier() && workspace.classifier) {
-    find_classified_vortices(*plan.classifier(), frame, centroids, circulation,
-                             *workspace.classifier, candidates);
+    find_classified_vortices(*plan.classifier(), frame, shift_of(levels, centroids), centroids,
+                             circulation, *workspace.classifier, candidates);
   } else if (plan.whitened() && workspace.whitened) {
     const Image<std::uint8_t>& lenslets = plan.whitened()->lenslet_valid();
     for (std::size_t k = 0; k < lenslets.size(); ++k)

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <optional>
 
+#include "centroiding/frame_level.h"
 #include "centroiding/sensor.h"
 #include "core/centroids.h"
 #include "core/frame.h"
@@ -53,11 +54,13 @@ struct VortexDetectionWorkspace {
   std::optional<ClassifierWorkspace> classifier;
 };
 
-/// Finds the candidates of one frame and fills `candidates` anew. Never allocates. slopes: must
-/// include weak ones (measure_weak_slopes); circulation: theirs.
-void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const Centroids& centroids,
-                       const SlopeField& slopes, const CirculationMap& circulation,
-                       VortexDetectionWorkspace& workspace, VortexList& candidates) noexcept;
+/// Finds the candidates of one frame and fills `candidates` anew. Never allocates. levels: those that
+/// the centroids were measured with, or null. slopes: must include weak ones (measure_weak_slopes);
+/// circulation: theirs.
+void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const FrameLevels* levels,
+                       const Centroids& centroids, const SlopeField& slopes,
+                       const CirculationMap& circulation, VortexDetectionWorkspace& workspace,
+                       VortexList& candidates) noexcept;
 
 /// Chooses the candidates that are probable enough to be reported, where nothing is tracked.
 void choose_probable(const VortexDetectionPlan& plan, const VortexList& candidates,

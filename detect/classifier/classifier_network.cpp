@@ -24,7 +24,7 @@ DenseLayer::DenseLayer(int n_inputs, int n_outputs)
 
 ClassifierNetwork::ClassifierNetwork() {
   for (int i = 0; i < kLayers; ++i) {
-    const int inputs = i == 0             ? kSpotFeatures
+    const int inputs = i == 0             ? kTaughtInputs
                        : i == kEncoderEnd ? kWidest
                        : i == kHeadEnd    ? kScoutFeatures
                        : i == kScoutEnd   ? kScreenPatch * kScreenPatch * kCode

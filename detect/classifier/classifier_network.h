@@ -15,6 +15,10 @@ namespace curlew {
 
 inline constexpr int kPatch = 4;  ///< lenslets along a side of the patch that is judged
 inline constexpr int kPatchLenslets = kPatch * kPatch;
+/// The encoder is taught kTraitBlocks copies of a spot's features, each times something of the
+/// sensor, and one number more; sensor_encoder.h tells what they are.
+inline constexpr int kTraitBlocks = 4;
+inline constexpr int kTaughtInputs = kTraitBlocks * kSpotFeatures + 1;
 inline constexpr int kScreenPatch = 2;  ///< lenslets along a side of the patch that is screened
 
 /// Holds one layer: outputs = inputs·weights + bias. See ClassifierNetwork::rectified() for
@@ -54,7 +58,7 @@ inline constexpr float kMinLogScale = -1.0F;
 inline constexpr float kMaxLogScale = 4.0F;
 
 /// Holds the layers of four parts:
-/// - The encoder turns kSpotFeatures numbers into kCode.
+/// - The encoder turns kTaughtInputs numbers into kCode.
 /// - The head turns kPatchLenslets·kCode numbers into two NodeOutput (charge +1, then −1) and a
 ///   PairOutput.
 /// - The scout says from centroids and circulation alone whether a node deserves the others. It

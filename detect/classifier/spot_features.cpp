@@ -14,8 +14,6 @@ namespace {
 
 // The Hermite functions have this width, in units of λ/w.
 constexpr double kModeWidth = 0.6;
-// Pixels farther than this from the reference along an axis are left out, in units of λ/w.
-constexpr double kReach = 1.75;
 // References are rounded to multiples of 1/kStepsPerPx of a pixel.
 constexpr int kStepsPerPx = 16;
 // Spots much fainter than this part of the mean flux all look equally dark.
@@ -66,9 +64,8 @@ void calibrate_pixels(const SpotCamera& camera, const FrameFormat& format,
 
 /// Says how far the Hermite functions reach to either side of the reference.
 struct Reach {
-  explicit Reach(double pixels_per_lambda_w)
-      : px(kReach * pixels_per_lambda_w),
-        steps(static_cast<int>(std::ceil(px * kStepsPerPx)) + 1) {}
+  explicit Reach(double reach_px)
+      : px(reach_px), steps(static_cast<int>(std::ceil(px * kStepsPerPx)) + 1) {}
 
   double px;
   int steps;  ///< These are the steps of the table, kStepsPerPx a pixel, rounded up.
@@ -107,24 +104,35 @@ ReachedPixels clip(int start, int length, float reference, const Reach& reach) {
           .along = (step + reach.steps) * kProjectionLanes};
 }
 
-ProjectedWindow clip_window(const SpotWindow& window, const Reach& reach, const FrameFormat& format,
-                            double read_noise_e) {
+void check_window(const SpotWindow& window, const FrameFormat& format) {
   if (window.x0 < 0 || window.y0 < 0 || window.x0 + window.w > format.cols ||
       window.y0 + window.h > format.rows) {
     throw Failure("a lenslet's window does not lie within the frame; calibrate anew");
   }
+}
+
+/// Returns the part of a window within the reach. Nothing of it must lie beyond the frame.
+ProjectedWindow clip_window(const SpotWindow& window, const Reach& reach, int frame_cols,
+                            float read_noise_e) {
   const ReachedPixels x = clip(window.x0, window.w, window.reference_x, reach);
   const ReachedPixels y = clip(window.y0, window.h, window.reference_y, reach);
   ProjectedWindow spot;
   if (x.n > 0 && y.n > 0) {
-    spot = {.first = y.first * format.cols + x.first,
+    spot = {.first = y.first * frame_cols + x.first,
             .w = x.n,
             .h = y.n,
             .along_x = x.along,
             .along_y = y.along};
   }
-  spot.read_noise = static_cast<float>(read_noise_e * std::sqrt(1.0 * spot.w * spot.h));
+  spot.read_noise = read_noise_e * std::sqrt(static_cast<float>(spot.w * spot.h));
   return spot;
+}
+
+/// Moves a window that begins at `start` and keeps what is left of it within [0, size).
+void move_within(int move, int size, int& start, int& length) {
+  const int first = std::clamp(start + move, 0, size);
+  length = std::clamp(start + move + length, first, size) - first;
+  start = first;
 }
 
 }  // namespace
@@ -156,7 +164,12 @@ constexpr std::array<int, kSpotFeatures> kMeasuredPlaces = [] {
 }();
 
 SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
-    : spots_(camera.windows.rows(), camera.windows.cols()),
+    : windows_(camera.windows),
+      spots_(camera.windows.rows(), camera.windows.cols()),
+      reach_px_(kModeReach * camera.pixels_per_lambda_w),
+      frame_rows_(format.rows),
+      frame_cols_(format.cols),
+      read_noise_e_(camera.e_per_adu > 0.0 ? static_cast<float>(camera.read_noise_e) : 0.0F),
       pixel_type_(format.pixel_type),
       noise_known_(camera.e_per_adu > 0.0),
       row_sign_(camera.rows_run_up ? -1.0F : 1.0F) {
@@ -170,14 +183,35 @@ SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
     gain_ = Image<float>(format.rows, format.cols, 1.0F);
     calibrate_pixels(camera, format, dark_counts_, gain_);
   }
-  const Reach reach(camera.pixels_per_lambda_w);
+  const Reach reach(reach_px_);
   table_ = hermite_table(camera.pixels_per_lambda_w, reach);
-  const double read_noise_e = noise_known_ ? camera.read_noise_e : 0.0;
   for (std::size_t k = 0; k < spots_.size(); ++k) {
     const SpotWindow& window = camera.windows[k];
     if (window.w < 1 || window.h < 1) continue;
-    spots_[k] = clip_window(window, reach, format, read_noise_e);
+    check_window(window, format);
+    spots_[k] = clip_window(window, reach, format.cols, read_noise_e_);
   }
+}
+
+ProjectedWindow SpotFeatures::placed(const FrameShift& shift, std::size_t k) const noexcept {
+  ProjectedWindow spot = spots_[k];
+  const auto at = [k](const Image<float>* map) { return map != nullptr ? (*map)[k] : 0.0F; };
+  const float dx = at(shift.spots_x_px);
+  const float dy = at(shift.spots_y_px);
+  const float noise_e =
+      noise_known_ ? std::max(shift.noise_counts * e_per_count_, read_noise_e_) : 0.0F;
+  if (dx != 0.0F || dy != 0.0F) {
+    SpotWindow window = windows_[k];
+    move_within(static_cast<int>(at(shift.windows_x_px)), frame_cols_, window.x0, window.w);
+    move_within(static_cast<int>(at(shift.windows_y_px)), frame_rows_, window.y0, window.h);
+    window.reference_x += dx;
+    window.reference_y += dy;
+    spot = clip_window(window, Reach(reach_px_), frame_cols_, noise_e);
+  } else if (noise_e > read_noise_e_) {
+    spot.read_noise = noise_e * std::sqrt(static_cast<float>(spot.w * spot.h));
+  }
+  spot.level = at(shift.level_counts);
+  return spot;
 }
 
 ProjectedFrame SpotFeatures::projected(FrameView frame) const noexcept {
@@ -206,21 +240,21 @@ void SpotFeatures::add_noise(const ProjectedWindow& spot, float flux, float flux
   features[3] = 1.0F;
 }
 
-void SpotFeatures::measure_many(FrameView frame, const std::int32_t* lenslets, int n,
-                                const float* flux_adu, float mean_flux_adu,
-                                float* features) const noexcept {
+void SpotFeatures::measure_many(FrameView frame, const FrameShift& shift,
+                                const std::int32_t* lenslets, int n, const float* flux_adu,
+                                float mean_flux_adu, float* features) const noexcept {
+  std::array<ProjectedWindow, kMaxAtOnce> windows;
   std::array<float, kMaxAtOnce> fluxes;
   std::array<float, kMaxAtOnce> brightness;
   assert(n <= kMaxAtOnce);
   brightness.fill(1.0F);
-  project_windows(projected(frame), spots_.data(), lenslets, n, kSpotFeatures, features,
-                  fluxes.data());
-  for (int i = 0; i < n; ++i) {
-    const auto u = static_cast<std::size_t>(i);
-    const auto k = static_cast<std::size_t>(lenslets[i]);
-    float* const of_spot = features + u * kSpotFeatures;
-    add_noise(spots_[k], fluxes[u], flux_adu[k], mean_flux_adu, of_spot);
-    brightness[u] = of_spot[kSpotModes];
+  for (std::size_t i = 0; i < static_cast<std::size_t>(n); ++i)
+    windows[i] = placed(shift, static_cast<std::size_t>(lenslets[i]));
+  project_windows(projected(frame), windows.data(), n, kSpotFeatures, features, fluxes.data());
+  for (std::size_t i = 0; i < static_cast<std::size_t>(n); ++i) {
+    float* const of_spot = features + i * kSpotFeatures;
+    add_noise(windows[i], fluxes[i], flux_adu[lenslets[i]], mean_flux_adu, of_spot);
+    brightness[i] = of_spot[kSpotModes];
   }
   take_logarithms((n + kProjectionLanes - 1) / kProjectionLanes * kProjectionLanes,
                   brightness.data());
@@ -228,11 +262,12 @@ void SpotFeatures::measure_many(FrameView frame, const std::int32_t* lenslets, i
     features[i * kSpotFeatures + kSpotModes] = brightness[i];
 }
 
-void SpotFeatures::measure(FrameView frame, std::size_t k, float flux_adu, float mean_flux_adu,
-                           float* features) const noexcept {
+void SpotFeatures::measure(FrameView frame, const FrameShift& shift, std::size_t k, float flux_adu,
+                           float mean_flux_adu, float* features) const noexcept {
   std::array<float, kSpotFeatures> measured;
-  const float flux = project_window(projected(frame), spots_[k], measured.data());
-  add_noise(spots_[k], flux, flux_adu, mean_flux_adu, measured.data());
+  const ProjectedWindow spot = placed(shift, k);
+  const float flux = project_window(projected(frame), spot, measured.data());
+  add_noise(spot, flux, flux_adu, mean_flux_adu, measured.data());
   for (std::size_t i = 0; i < kSpotFeatures; ++i)
     features[i] = measured[static_cast<std::size_t>(kMeasuredPlaces[i])];
   features[kSpotModes] = std::log(features[kSpotModes]);

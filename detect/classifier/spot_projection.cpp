@@ -24,15 +24,17 @@ using Tag = hn::CappedTag<float, kProjectionLanes>;
 
 /// Returns the signals of the columns [first, first + Lanes) of the frame's row-major pixels.
 template <typename Pixel>
-HWY_INLINE hn::Vec<Tag> read_signals(const ProjectedFrame& frame, std::ptrdiff_t first) {
+HWY_INLINE hn::Vec<Tag> read_signals(const ProjectedFrame& frame, float level,
+                                     std::ptrdiff_t first) {
   const Tag d;
   const hn::Rebind<std::int32_t, Tag> to_int;
   const hn::Rebind<Pixel, Tag> of_pixels;
   const auto* pixels = reinterpret_cast<const Pixel*>(frame.pixels) + first;
   const auto counts = hn::ConvertTo(d, hn::PromoteTo(to_int, hn::LoadU(of_pixels, pixels)));
-  if (frame.gains == nullptr) return hn::Sub(counts, hn::Set(d, frame.offset));
-  return hn::Mul(hn::Sub(counts, hn::LoadU(d, frame.offsets + first)),
-                 hn::LoadU(d, frame.gains + first));
+  if (frame.gains == nullptr) return hn::Sub(counts, hn::Set(d, frame.offset + level));
+  const auto gains = hn::LoadU(d, frame.gains + first);
+  const auto signals = hn::Mul(hn::Sub(counts, hn::LoadU(d, frame.offsets + first)), gains);
+  return hn::IfThenElseZero(hn::Ne(gains, hn::Zero(d)), hn::Sub(signals, hn::Set(d, level)));
 }
 
 /// Projects a window and returns the sum of its signal. `sums` is [orders along y,
@@ -60,7 +62,7 @@ HWY_INLINE float project(const ProjectedFrame& frame, const ProjectedWindow& win
       const float* order = frame.table + window.along_y;
       std::ptrdiff_t first = window.first + col - past + part;
       for (int row = 0; row < window.h; ++row, first += frame.cols, order += frame.table_step) {
-        const V signal = read_signals<Pixel>(frame, first);
+        const V signal = read_signals<Pixel>(frame, window.level, first);
         sum0 = hn::MulAdd(hn::Set(d, order[0]), signal, sum0);
         sum1 = hn::MulAdd(hn::Set(d, order[1]), signal, sum1);
         sum2 = hn::MulAdd(hn::Set(d, order[2]), signal, sum2);
@@ -115,14 +117,13 @@ HWY_INLINE float project(const ProjectedFrame& frame, const ProjectedWindow& win
 }
 
 template <typename Pixel>
-void project_each(const ProjectedFrame& frame, const ProjectedWindow* windows,
-                  const std::int32_t* which, int n, std::ptrdiff_t stride,
-                  float* HWY_RESTRICT modes, float* HWY_RESTRICT fluxes) {
+void project_each(const ProjectedFrame& frame, const ProjectedWindow* windows, int n,
+                  std::ptrdiff_t stride, float* HWY_RESTRICT modes, float* HWY_RESTRICT fluxes) {
   const Tag d;
   const auto lanes = static_cast<std::ptrdiff_t>(hn::Lanes(d));
   alignas(32) std::array<float, std::size_t{kProjectionOrders} * kProjectionLanes> sums;
   for (int i = 0; i < n; ++i, modes += stride) {
-    const ProjectedWindow& window = windows[which[i]];
+    const ProjectedWindow& window = windows[i];
     if (window.w == 0) sums.fill(0.0F);
     const float flux = flux_of(frame, window, project<Pixel>(frame, window, sums.data()));
     fluxes[i] = flux;
@@ -140,13 +141,12 @@ void project_each(const ProjectedFrame& frame, const ProjectedWindow* windows,
   }
 }
 
-void project_all(const ProjectedFrame& frame, const ProjectedWindow* windows,
-                 const std::int32_t* which, int n, std::ptrdiff_t stride, float* modes,
-                 float* fluxes) {
+void project_all(const ProjectedFrame& frame, const ProjectedWindow* windows, int n,
+                 std::ptrdiff_t stride, float* modes, float* fluxes) {
   if (frame.pixel_type == PixelType::kU16) {
-    project_each<std::uint16_t>(frame, windows, which, n, stride, modes, fluxes);
+    project_each<std::uint16_t>(frame, windows, n, stride, modes, fluxes);
   } else {
-    project_each<std::uint8_t>(frame, windows, which, n, stride, modes, fluxes);
+    project_each<std::uint8_t>(frame, windows, n, stride, modes, fluxes);
   }
 }
 
@@ -169,10 +169,11 @@ float project_taught(D d, const ProjectedFrame& frame, const ProjectedWindow& wi
       for (int col = 0; col < window.w; ++col, function += frame.table_step) {
         auto signal = static_cast<float>(pixels[start + col]);
         if (frame.gains == nullptr) {
-          signal -= frame.offset;
+          signal -= frame.offset + window.level;
         } else {
           const std::ptrdiff_t i = window.first + start + col;
           signal = (signal - frame.offsets[i]) * frame.gains[i];
+          signal -= frame.gains[i] != 0.0F ? window.level : 0.0F;
         }
         along_x = hn::MulAdd(hn::Set(d, signal), hn::LoadU(d, function), along_x);
       }
@@ -221,10 +222,9 @@ HWY_EXPORT(project_one);
 HWY_EXPORT(logarithms);
 }  // namespace
 
-void project_windows(const ProjectedFrame& frame, const ProjectedWindow* windows,
-                     const std::int32_t* which, int n, std::ptrdiff_t stride, float* modes,
-                     float* fluxes) noexcept {
-  HWY_DYNAMIC_DISPATCH(project_all)(frame, windows, which, n, stride, modes, fluxes);
+void project_windows(const ProjectedFrame& frame, const ProjectedWindow* windows, int n,
+                     std::ptrdiff_t stride, float* modes, float* fluxes) noexcept {
+  HWY_DYNAMIC_DISPATCH(project_all)(frame, windows, n, stride, modes, fluxes);
 }
 
 float project_window(const ProjectedFrame& frame, const ProjectedWindow& window,

@@ -38,6 +38,7 @@ struct ProjectedWindow {
   std::int32_t along_x = 0;  ///< index in the table of the functions at the first column
   std::int32_t along_y = 0;  ///< index in the table of the functions at the first row
   float read_noise = 0;      ///< read noise of the whole window, electrons
+  float level = 0;  ///< of the frame above `offset`, counts; pixels of gain 0 do not have it
 };
 
 /// Returns the electrons of a window whose signals sum to `total`. Only the read noise keeps them
@@ -47,13 +48,11 @@ inline float flux_of(const ProjectedFrame& frame, const ProjectedWindow& window,
   return std::max(frame.e_per_count * total, 0.0F) + window.read_noise + 1e-6F;
 }
 
-/// Projects n windows, of which the i-th is windows[which[i]]. It writes the modes Σ
-/// signal·h_m(x)·h_n(y) over the flux, for m + n < kProjectionOrders, ordered by n and then by m,
-/// from modes + i·stride on, and the flux to fluxes[i]. The frame must have at least
-/// kProjectionLanes columns.
-void project_windows(const ProjectedFrame& frame, const ProjectedWindow* windows,
-                     const std::int32_t* which, int n, std::ptrdiff_t stride, float* modes,
-                     float* fluxes) noexcept;
+/// Projects n windows. It writes the modes Σ signal·h_m(x)·h_n(y) over the flux, for m + n <
+/// kProjectionOrders, ordered by n and then by m, from modes + i·stride on, and the flux to
+/// fluxes[i]. The frame must have at least kProjectionLanes columns.
+void project_windows(const ProjectedFrame& frame, const ProjectedWindow* windows, int n,
+                     std::ptrdiff_t stride, float* modes, float* fluxes) noexcept;
 
 /// Projects one window more slowly, to the last bit as in the training, and returns its flux. Other
 /// sums would make other weights of the same training.

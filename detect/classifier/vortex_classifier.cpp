@@ -60,7 +60,8 @@ void choose_nodes(const ClassifierPlan& plan, const Centroids& centroids,
   const double minimum = plan.options().min_scout;
   const bool all = minimum <= kEveryNode;
   if (!all) {
-    describe_lenslets(centroids, circulation, mean, plan.pixels_per_lambda_w(), workspace.scout);
+    describe_lenslets(centroids, circulation, mean, plan.pixels_per_lambda_w(),
+                      plan.excess_spread(), workspace.scout);
     scout_nodes(plan.network(), workspace.scout);
   }
   const auto min_logit = all ? 0.0F : static_cast<float>(minimum);
@@ -105,8 +106,9 @@ void gather_lenslets(const ClassifierPlan& plan, int size,
   }
 }
 
-void encode_lenslets(const ClassifierPlan& plan, FrameView frame, const Centroids& centroids,
-                     float mean, ClassifierWorkspace& workspace) noexcept {
+void encode_lenslets(const ClassifierPlan& plan, FrameView frame, const FrameShift& shift,
+                     const Centroids& centroids, float mean,
+                     ClassifierWorkspace& workspace) noexcept {
   const int cols = plan.cols();
   workspace.encoded += static_cast<int>(workspace.lenslets.size());
   std::array<std::int32_t, ClassifierWorkspace::kChunk> chunk;
@@ -127,11 +129,11 @@ void encode_lenslets(const ClassifierPlan& plan, FrameView frame, const Centroid
     if (as_trained) {
       for (int i = 0; i < n; ++i) {
         const auto k = static_cast<std::size_t>(chunk[static_cast<std::size_t>(i)]);
-        plan.features().measure(frame, k, centroids.flux_adu[k], mean,
+        plan.features().measure(frame, shift, k, centroids.flux_adu[k], mean,
                                 workspace.a.data() + std::ptrdiff_t{i} * kSpotFeatures);
       }
     } else {
-      plan.features().measure_many(frame, chunk.data(), n, centroids.flux_adu.data(), mean,
+      plan.features().measure_many(frame, shift, chunk.data(), n, centroids.flux_adu.data(), mean,
                                    workspace.a.data());
     }
     const float* codes = apply_layers(plan.network(), 0, ClassifierNetwork::kEncoderEnd, n,
@@ -296,7 +298,11 @@ ClassifierPlan::ClassifierPlan(const ClassifierOptions& options, const SpotCamer
       network_(std::move(network)),
       judging_(network_.layers[ClassifierNetwork::kEncoderEnd], kPatch),
       screening_(network_.layers[ClassifierNetwork::kScoutEnd], kScreenPatch),
-      pixels_per_lambda_w_(static_cast<float>(camera.pixels_per_lambda_w)) {
+      pixels_per_lambda_w_(static_cast<float>(camera.pixels_per_lambda_w)),
+      excess_spread_(0.0F) {
+  const SensorTraits traits = traits_of(camera);
+  network_.layers.front() = layer_for_sensor(network_.layers.front(), traits, camera.rotation_rad);
+  excess_spread_ = curlew::excess_spread(traits);
   // The first input of the scout's first layer is 1, so that its bias can be added to that input's
   // weights.
   DenseLayer& scouting = network_.layers[ClassifierNetwork::kHeadEnd];
@@ -339,7 +345,7 @@ ClassifierWorkspace::ClassifierWorkspace(const ClassifierPlan& plan)
   }
 }
 
-void find_classified_vortices(const ClassifierPlan& plan, FrameView frame,
+void find_classified_vortices(const ClassifierPlan& plan, FrameView frame, const FrameShift& shift,
                               const Centroids& centroids, const CirculationMap& circulation,
                               ClassifierWorkspace& workspace, VortexList& vortices) noexcept {
   check_size("find_classified_vortices", "centroids", size_of(centroids.state), size_of(plan));
@@ -352,11 +358,11 @@ void find_classified_vortices(const ClassifierPlan& plan, FrameView frame,
   workspace.encoded = 0;
   if (plan.screens()) {
     gather_lenslets(plan, kScreenPatch, workspace);
-    encode_lenslets(plan, frame, centroids, mean, workspace);
+    encode_lenslets(plan, frame, shift, centroids, mean, workspace);
     screen_nodes(plan, workspace);
   }
   gather_lenslets(plan, kPatch, workspace);
-  encode_lenslets(plan, frame, centroids, mean, workspace);
+  encode_lenslets(plan, frame, shift, centroids, mean, workspace);
   judge_nodes(plan, workspace);
   report_vortices(circulation, plan.options().min_probability, workspace.views, vortices);
 }

@@ -12,6 +12,7 @@
 #include "core/vortex.h"
 #include "detect/classifier/classifier_network.h"
 #include "detect/classifier/patch_layer.h"
+#include "detect/classifier/sensor_encoder.h"
 #include "detect/classifier/spot_features.h"
 #include "detect/classifier/vortex_scout.h"
 #include "detect/classifier/vortex_views.h"
@@ -50,6 +51,9 @@ class ClassifierPlan {
   int rows() const { return features_.rows(); }  ///< in lenslets
   int cols() const { return features_.cols(); }
   float pixels_per_lambda_w() const { return pixels_per_lambda_w_; }
+  /// Returns by how much the spots' second moments, xx + yy, exceed those of sharp spots with
+  /// pixels of .5 λ/w, in (λ/w)².
+  float excess_spread() const { return excess_spread_; }
   /// Return the first layers of head and screen in fixed point.
   const PatchLayer& judging() const { return judging_; }
   const PatchLayer& screening() const { return screening_; }
@@ -66,6 +70,7 @@ class ClassifierPlan {
   PatchLayer judging_;
   PatchLayer screening_;
   float pixels_per_lambda_w_;
+  float excess_spread_;
   AlignedVector<float> missing_code_;
   AlignedVector<std::int16_t> missing_rounded_;
 };
@@ -90,11 +95,12 @@ struct ClassifierWorkspace {
 };
 
 /// Finds the vortices of one frame, the surest first; `vortices` is cleared first. It never
-/// allocates. An opposite pair nearer than about a pitch is one entry of charge 0 with
-/// kVortexUnresolvedPair where that is likelier than either of the two alone; its probability is
-/// that of such a pair. Lenslets that are missing by is_missing() (vortex_scout.h) are left out. So
-/// are nodes of which two or more of the four lenslets are missing.
-void find_classified_vortices(const ClassifierPlan& plan, FrameView frame,
+/// allocates. `shift` says how level, noise and places of the spots differ from the calibration. An
+/// opposite pair nearer than about a pitch is one entry of charge 0 with kVortexUnresolvedPair
+/// where that is likelier than either of the two alone; its probability is that of such a pair.
+/// Lenslets that are missing by is_missing() (vortex_scout.h) are left out. So are nodes of which
+/// two or more of the four lenslets are missing.
+void find_classified_vortices(const ClassifierPlan& plan, FrameView frame, const FrameShift& shift,
                               const Centroids& centroids, const CirculationMap& circulation,
                               ClassifierWorkspace& workspace, VortexList& vortices) noexcept;
 

@@ -52,7 +52,7 @@ float mean_flux(const Centroids& centroids) noexcept {
 }
 
 void describe_lenslets(const Centroids& centroids, const CirculationMap& circulation,
-                       float mean_flux_adu, float pixels_per_lambda_w,
+                       float mean_flux_adu, float pixels_per_lambda_w, float excess_spread,
                        ScoutWorkspace& workspace) noexcept {
   const float per_flux = 1.0F / std::max(mean_flux_adu, 1e-30F);
   const float per_square = 1.0F / (pixels_per_lambda_w * pixels_per_lambda_w);
@@ -67,7 +67,7 @@ void describe_lenslets(const Centroids& centroids, const CirculationMap& circula
     for (std::size_t c = 0; c < cols; ++c) {
       const float ratio = std::max(flux[c] * per_flux, 0.0F);
       brightness[c] = ratio / (ratio + kHalfBright);
-      spread[c] = std::min((xx[c] + yy[c]) * per_square, kWidestSpread);
+      spread[c] = std::min((xx[c] + yy[c]) * per_square - excess_spread, kWidestSpread);
     }
     bool complete = true;
     for (std::size_t c = 0; c < cols; ++c) complete &= !is_missing(state[c]);

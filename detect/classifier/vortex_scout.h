@@ -21,8 +21,9 @@ inline bool is_missing(LensletState state) noexcept {
 struct ScoutWorkspace {
   ScoutWorkspace(int rows, int cols);  // in lenslets
 
-  Image<float> brightness;    ///< [rows, ≥ cols] r/(r + .2) of flux over mean r; missing: r = 1
-  Image<float> spread;        ///< [rows, ≥ cols] second moments, (λ/w)²; 0 where missing
+  Image<float> brightness;  ///< [rows, ≥ cols] r/(r + .2) of flux over mean r; missing: r = 1
+  Image<float> spread;  ///< [rows, ≥ cols] second moments less the sensor's excess_spread, (λ/w)²;
+                        ///< 0 where missing
   Image<float> circulation;   ///< [rows + 1, ≥ cols + 1] D within ±4 rad, with a rim of zeros
   Image<float> noise;         ///< [rows − 1, ≥ cols] v/(v + 1) of the variance v of D, rad²
   Image<float> features;      ///< [kScoutFeatures, stride] for one row of nodes
@@ -36,7 +37,7 @@ float mean_flux(const Centroids& centroids) noexcept;
 
 /// Fills the maps of brightness, spread, circulation and noise.
 void describe_lenslets(const Centroids& centroids, const CirculationMap& circulation,
-                       float mean_flux_adu, float pixels_per_lambda_w,
+                       float mean_flux_adu, float pixels_per_lambda_w, float excess_spread,
                        ScoutWorkspace& workspace) noexcept;
 
 /// Fills `features` of a row of nodes; describe_lenslets() must come first.

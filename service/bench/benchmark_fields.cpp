@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <mutex>
 
+#include "service/bench/field_light.h"
 #include "service/program/parallel.h"
 
 namespace curlew {
@@ -12,10 +13,13 @@ BenchmarkFields load_fields(const FieldParameters& parameters, Subset subset, in
   const auto count = static_cast<std::size_t>(n);
   BenchmarkFields fields{subset, std::vector<Realisation>(count),
                          std::vector<std::vector<GradedVortex>>(count)};
+  const bool turns = parameters.rotation_deg != 0.0;
+  const FieldParameters simulated = turns ? before_turning(parameters) : parameters;
   std::mutex stepping;
   for_each_in_parallel(n, threads, [&](int i, int) {
     const auto k = static_cast<std::size_t>(i);
-    fields.realisations[k] = cache.read_or_simulate(parameters, realisation_seed(subset, i));
+    fields.realisations[k] = cache.read_or_simulate(simulated, realisation_seed(subset, i));
+    if (turns) fields.realisations[k].light = turned(fields.realisations[k].light, parameters);
     fields.truths[k] = grade_vortices(fields.realisations[k].vortices);
     const std::scoped_lock lock(stepping);
     step();

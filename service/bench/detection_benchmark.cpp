@@ -48,7 +48,12 @@ std::vector<Judged> judge(const MeasurementPlan& plan, const std::vector<Detecto
 DetectionCellResult run_cell(const MeasurementPlan& plan, const BenchmarkFields& validation,
                              const BenchmarkFields& test,
                              const DetectionBenchmarkOptions& options) {
-  const std::vector<DetectorRow> rows = make_detector_rows(plan, options.controlled_rates);
+  std::vector<DetectorRow> rows = make_detector_rows(plan, options.controlled_rates);
+  if (!options.baselines) {
+    std::erase_if(rows, [](const DetectorRow& row) {
+      return row.name != "whitened" && row.name != "classifier";
+    });
+  }
   std::vector<double> measuring_us;
   const auto chosen_on = judge(plan, rows, validation, options.threads, measuring_us);
   const auto stated_on = judge(plan, rows, test, options.threads, measuring_us);
@@ -65,6 +70,7 @@ DetectionCellResult run_cell(const MeasurementPlan& plan, const BenchmarkFields&
     result.threshold = DetectionRecord(chosen_on[row].verdicts).best_threshold();
     result.score = record.score(result.threshold);
     result.samples = record.bootstrap(result.threshold, options.bootstrap_samples, kBootstrapSeed);
+    result.false_at_half = record.false_alarms(0.5);
     result.microseconds = median(stated_on[row].finding_us);
     cell.rows.push_back(std::move(result));
   }

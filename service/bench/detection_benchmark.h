@@ -21,6 +21,7 @@ struct DetectionBenchmarkOptions {
   int test_realisations = 100;
   int validation_realisations = 60;
   int bootstrap_samples = 1000;
+  bool baselines = true;  ///< false: only the rows whitened and classifier
   /// Each adds rows, held to this rate of false alarms a frame.
   std::vector<double> controlled_rates{};
   int threads = 1;
@@ -33,6 +34,8 @@ struct DetectionRowResult {
   double threshold = 0.0;  ///< the best for the validation subset
   DetectionScore score;    ///< score on the test subset
   std::vector<DetectionScore> samples;
+  /// False alarms a frame of score .5 or more, for detectors whose score is a probability.
+  double false_at_half = 0.0;
   double microseconds = 0.0;  ///< µs a frame, median
 };
 

@@ -49,6 +49,7 @@ SimulatorOptions simulator_options(const FieldParameters& parameters, std::uint6
   options.cols = parameters.cols;
   options.window_px = parameters.window_px;
   options.samples_per_lambda_w = parameters.samples_per_lambda_w;
+  options.stray_light = parameters.neighbours ? StrayLight::kNeighbours : StrayLight::kCropped;
   options.photons = 1.0;
   options.seed = seed;
   options.turbulence = TurbulentPath{};
@@ -88,9 +89,10 @@ RealisationCache::RealisationCache(std::string folder) : folder_(std::move(folde
 }
 
 std::string RealisationCache::path_of(const FieldParameters& p, std::uint64_t seed) const {
-  const std::string key =
-      fmt::format("{} rytov {} lenslet {} array {}x{} window {} sampling {}", kCacheVersion,
-                  p.rytov_variance, p.lenslet, p.rows, p.cols, p.window_px, p.samples_per_lambda_w);
+  const std::string key = fmt::format("{} rytov {} lenslet {} array {}x{} window {} sampling {}",
+                                      kCacheVersion, p.rytov_variance, p.lenslet, p.rows, p.cols,
+                                      p.window_px, p.samples_per_lambda_w) +
+                          (p.neighbours ? " neighbours" : "");
   return (std::filesystem::path(folder_) / fmt::format("{:016x}-{}.fits", fnv1a(key), seed))
       .string();
 }

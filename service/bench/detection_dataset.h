@@ -22,6 +22,8 @@ struct FieldParameters {
   int cols = 16;                      ///< grid is 4 √(λL) wide, 62 lenslets of the default size
   int window_px = 6;                  ///< the default is ±1.5 λ/w
   double samples_per_lambda_w = 2.0;  ///< the default is pixels of .5 λ/w
+  double rotation_deg = 0.0;          ///< of the lenslets' columns against the pixels' x axis
+  bool neighbours = false;            ///< light beyond a window falls on the next one
 };
 
 /// The three subsets share nothing. Detectors learn from the first. Thresholds, and whatever else

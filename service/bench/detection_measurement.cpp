@@ -11,6 +11,7 @@
 #include "core/error.h"
 #include "detect/circulation.h"
 #include "service/bench/bench_frames.h"
+#include "service/bench/field_light.h"
 
 namespace curlew {
 namespace {
@@ -33,6 +34,10 @@ const FieldParameters& checked(const FieldParameters& parameters,
   if (!(options.photons > 0.0)) throw UsageError("photons a lenslet must be more than 0");
   if (!(options.read_noise_e >= 0.0 && options.threshold_noise >= 0.0))
     throw UsageError("read noise and threshold must be 0 or more");
+  if (!(options.blur >= 0.0 && options.blur <= 3.0))
+    throw UsageError("the blur must be from 0 to 3 lambda/w");
+  if (!(options.sky_e >= 0.0) || (options.sky_e > 0.0 && !std::isfinite(options.photons)))
+    throw UsageError("the sky must be 0 electrons or more, and needs noise: state the photons");
   if (!(options.faded >= 0.0 && options.faded < 1.0))
     throw UsageError("the part of faded lenslets must be from 0 to below 1");
   if (parameters.rows < 4 || parameters.cols < 4)
@@ -102,6 +107,11 @@ MeasurementPlan::MeasurementPlan(const FieldParameters& parameters,
     centroid_.emplace(sensor_, format_, centroid);
   }
   slopes_.emplace(sensor_);
+  if (options.sky_e > 0.0) level_.emplace(sensor_, *centroid_, centroid);
+}
+
+Image<float> MeasurementPlan::blur(const Image<float>& light) const {
+  return blurred(light, options_.blur * parameters_.samples_per_lambda_w);
 }
 
 double MeasurementPlan::flux_unit_adu() const {
@@ -122,7 +132,12 @@ Sensor MeasurementPlan::make_sensor(double gain) const {
                      .read_noise_e = noisy_ ? options_.read_noise_e : 0.0,
                      .saturation_adu = kUnknown,
                      .bit_depth = 16};
+  const double angle = p.rotation_deg * std::numbers::pi / 180.0;
+  sensor.grid.p11 = sensor.grid.p22 = p.window_px * std::cos(angle);
+  sensor.grid.p21 = p.window_px * std::sin(angle);
+  sensor.grid.p12 = -sensor.grid.p21;
   sensor.background_adu = kBiasAdu;
+  sensor.spot_blur_px = options_.blur * p.samples_per_lambda_w;
   sensor.method = options_.method;
   sensor.gain_x.fill(static_cast<float>(gain));
   sensor.gain_y.fill(static_cast<float>(gain));
@@ -161,8 +176,8 @@ void expose_with_noise(const MeasurementPlan& plan, const Image<float>& light, s
   auto* counts = reinterpret_cast<std::uint16_t*>(frame.data());
   const double adu_per_e = plan.flux_unit_adu() / options.photons;
   for (std::size_t k = 0; k < light.size(); ++k) {
-    const double electrons = random.poisson(options.photons * static_cast<double>(light[k])) +
-                             options.read_noise_e * random.gaussian();
+    const double mean_e = options.photons * static_cast<double>(light[k]) + options.sky_e;
+    const double electrons = random.poisson(mean_e) + options.read_noise_e * random.gaussian();
     const double adu = std::floor(kBiasAdu + electrons * adu_per_e + 0.5);
     counts[k] = static_cast<std::uint16_t>(std::clamp(adu, 0.0, kSaturationAdu));
   }
@@ -193,7 +208,8 @@ double MeasurementPlan::measure_gain() const {
   const auto mean_x = [&](double tilt) {
     options.scene.tilt_x_rad = tilt;
     Simulator simulator(options);
-    const Image<float>& light = simulator.expected_image_e(0);
+    const Image<float>& sharp = simulator.expected_image_e(0);
+    const Image<float> light = options_.blur > 0.0 ? blur(sharp) : sharp;
     if (noisy_) {
       auto* counts = reinterpret_cast<std::uint16_t*>(frame.data());
       for (std::size_t k = 0; k < light.size(); ++k) {
@@ -229,16 +245,32 @@ MeasuredFrame::MeasuredFrame(const MeasurementPlan& plan)
       slopes(plan.parameters().rows, plan.parameters().cols),
       circulation(plan.parameters().rows, plan.parameters().cols),
       split_workspace(plan.split()),
-      split(plan.parameters().rows, plan.parameters().cols) {}
+      split(plan.parameters().rows, plan.parameters().cols) {
+  if (plan.level()) levels.emplace(*plan.level());
+}
+
+FrameShift MeasuredFrame::shift() const {
+  if (!levels) return {};
+  return {.level_counts = &levels->level, .noise_counts = std::sqrt(levels->pixel_variance)};
+}
 
 void measure_frame(const MeasurementPlan& plan, const Realisation& realisation, std::uint64_t seed,
                    MeasuredFrame& measured) {
   const bool shaded = plan.options().pupil != PupilShape::kSquare || plan.options().faded > 0.0;
   const Image<float> left = shaded ? shade(plan, realisation.light, seed) : Image<float>();
-  const Image<float>& light = shaded ? left : realisation.light;
+  const Image<float>& sharp = shaded ? left : realisation.light;
+  const Image<float> wide = plan.options().blur > 0.0 ? plan.blur(sharp) : Image<float>();
+  const Image<float>& light = plan.options().blur > 0.0 ? wide : sharp;
   if (plan.noisy()) {
     expose_with_noise(plan, light, seed, measured.frame);
-    find_centroids(plan.centroid(), measured.frame.view(), measured.centroids);
+    if (measured.levels) {
+      measure_levels(*plan.level(), plan.level()->pixels(), measured.frame.view(),
+                     *measured.levels);
+      find_centroids(plan.centroid(), measured.frame.view(), measured.centroids,
+                     {&*measured.levels, nullptr});
+    } else {
+      find_centroids(plan.centroid(), measured.frame.view(), measured.centroids);
+    }
   } else {
     Image<float> scale(plan.parameters().rows, plan.parameters().cols);
     expose_without_noise(plan, light, measured.frame, scale);

@@ -7,12 +7,14 @@
 
 #include "acquisition/simulator/simulator_options.h"
 #include "centroiding/centroid.h"
+#include "centroiding/frame_level.h"
 #include "centroiding/sensor.h"
 #include "centroiding/slopes.h"
 #include "core/frame.h"
 #include "core/hodge_split.h"
 #include "core/slope_field.h"
 #include "core/vortex.h"
+#include "detect/classifier/spot_features.h"
 #include "reconstruct/split.h"
 #include "service/bench/detection_dataset.h"
 
@@ -31,6 +33,10 @@ struct MeasurementOptions {
   double reference_pull = 3.0;
   int brightest_pixels = 0;
   PupilShape pupil = PupilShape::kSquare;  ///< which lenslets get light
+  double blur = 0.0;                       ///< σ of a Gaussian that blurs the spots, λ/w
+  /// Electrons a pixel that the sensor's dark does not have; the level is then measured in every
+  /// frame. Needs noise.
+  double sky_e = 0.0;
   double faded = 0.0;  ///< part of the pupil's lenslets that are dark, drawn anew in every frame
 };
 
@@ -53,12 +59,15 @@ class MeasurementPlan {
   const Sensor& sensor() const { return sensor_; }
   const FrameFormat& format() const { return format_; }
   const CentroidPlan& centroid() const { return *centroid_; }
+  const std::optional<LevelPlan>& level() const { return level_; }  ///< where there is a sky
   const SlopePlan& slopes() const { return *slopes_; }
   const SplitPlan& split() const { return split_; }
 
   /// Returns the flux, in ADU, that a lenslet of amplitude 1 would have if all its light were in
   /// the window and above the threshold.
   double flux_unit_adu() const;
+
+  Image<float> blur(const Image<float>& light) const;  ///< light after the options' blur
 
  private:
   Sensor make_sensor(double gain) const;
@@ -71,6 +80,7 @@ class MeasurementPlan {
   FrameFormat format_;
   Sensor sensor_;
   std::optional<CentroidPlan> centroid_;
+  std::optional<LevelPlan> level_;
   std::optional<SlopePlan> slopes_;
   SplitPlan split_;
 };
@@ -79,7 +89,11 @@ class MeasurementPlan {
 struct MeasuredFrame {
   explicit MeasuredFrame(const MeasurementPlan& plan);
 
-  FrameBuffer frame;  ///< counts, u16
+  /// Returns what the classifier must know of the frame; it points into this object.
+  FrameShift shift() const;
+
+  FrameBuffer frame;                  ///< counts, u16
+  std::optional<FrameLevels> levels;  ///< where there is a sky
   /// The centroids as find_centroids leaves them. In noise-free frames, too, the flux is in units
   /// of MeasurementPlan::flux_unit_adu, although every window had a scale of its own.
   Centroids centroids;

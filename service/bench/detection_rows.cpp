@@ -231,8 +231,8 @@ class ClassifierDetector {
 
   std::vector<Candidate> operator()(const MeasuredFrame& frame) const {
     std::unique_ptr<OneFrame> buffers = buffers_->take(*plan_);
-    find_classified_vortices(*plan_, frame.frame.view(), frame.centroids, frame.circulation,
-                             buffers->workspace, buffers->vortices);
+    find_classified_vortices(*plan_, frame.frame.view(), frame.shift(), frame.centroids,
+                             frame.circulation, buffers->workspace, buffers->vortices);
     std::vector<Candidate> found = candidates_by_probability(buffers->vortices);
     buffers_->give_back(std::move(buffers));
     return found;

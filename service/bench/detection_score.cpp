@@ -98,6 +98,13 @@ double DetectionRecord::best_threshold() const {
   return threshold;
 }
 
+double DetectionRecord::false_alarms(double threshold) const {
+  const auto n = std::count_if(entries_.begin(), entries_.end(), [&](const Entry& entry) {
+    return !entry.verdict.hit && entry.verdict.score >= threshold;
+  });
+  return static_cast<double>(n) / static_cast<double>(required_.size());
+}
+
 DetectionScore DetectionRecord::score(double threshold) const {
   return score(threshold, std::vector<int>(required_.size(), 1));
 }

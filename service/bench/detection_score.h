@@ -116,6 +116,8 @@ class DetectionRecord {
   double best_threshold() const;
 
   DetectionScore score(double threshold) const;
+  /// Returns the false alarms a frame of this score or more.
+  double false_alarms(double threshold) const;
 
   /// Returns score() for `samples` draws of as many frames with replacement. The same seed draws
   /// the same frames, so that the samples of two detectors can be compared one by one.

@@ -93,7 +93,7 @@ void count_flux(const FalseAlarmOptions& options, double photons, const std::fun
     measure_weak_slopes(slope, centroids, slopes);
     circulate(slopes, map);
     lenslets += centroids.n_valid;
-    find_classified_vortices(classifier, frame.view(), centroids, map, classifier_workspace,
+    find_classified_vortices(classifier, frame.view(), {}, centroids, map, classifier_workspace,
                              vortices);
     of_classifier += count(vortices);
     for (Detectors& d : detectors) {

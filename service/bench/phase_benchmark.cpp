@@ -165,8 +165,9 @@ class Estimator {
 
  private:
   void classify() {
-    find_classified_vortices(plan_.classifier, frame_.frame.view(), frame_.centroids,
-                             frame_.circulation, classifier_workspace_, vortices_);
+    find_classified_vortices(plan_.classifier, frame_.frame.view(), frame_.shift(),
+                             frame_.centroids, frame_.circulation, classifier_workspace_,
+                             vortices_);
   }
   /// Finds vortices of the circulation, on the lenslets that have light only.
   void circulate() {

@@ -70,8 +70,8 @@ std::vector<Watched> watch(const TrackingBenchmarkOptions& options, double photo
         1'000'000;
     for (const Image<float>& light : sequence.light) {
       measure_frame(plan, {light, {}}, seed++, frame);
-      find_classified_vortices(classifier, frame.frame.view(), frame.centroids, frame.circulation,
-                               workspace, vortices);
+      find_classified_vortices(classifier, frame.frame.view(), frame.shift(), frame.centroids,
+                               frame.circulation, workspace, vortices);
       one.candidates.emplace_back(vortices.begin(), vortices.end());
     }
   });

@@ -78,8 +78,8 @@ ClassifierCost measure_cost(const ClassifierCase& which, const ClassifierBenchOp
       cost.required += vortex.required && interior.contains(vortex.x, vortex.y) ? 1.0 : 0.0;
     for (int repeat = 0; repeat < options.repeats; ++repeat) {
       const Clock::time_point start = Clock::now();
-      find_classified_vortices(classifier, frame.frame.view(), frame.centroids, frame.circulation,
-                               workspace, vortices);
+      find_classified_vortices(classifier, frame.frame.view(), frame.shift(), frame.centroids,
+                               frame.circulation, workspace, vortices);
       const auto taken =
           std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now() - start).count();
       // The first tenth only warms up.

@@ -12,6 +12,7 @@
 #include "service/bench/bench_run.h"
 #include "service/bench/detection_benchmark.h"
 #include "service/bench/detection_export.h"
+#include "service/bench/field_variants.h"
 #include "service/commands/commands.h"
 #include "service/commands/pupil_option.h"
 #include "service/program/version.h"
@@ -23,6 +24,7 @@ struct DetectOptionsOfBench {
   DetectionBenchmarkOptions benchmark;
   BenchRun run;
   std::string export_folder;  ///< empty: measure
+  bool field = false;  ///< the variants of field_variants() in place of the laboratory's cells
 };
 
 /// Says in advance how long the run will take.
@@ -83,6 +85,7 @@ nlohmann::ordered_json row_json(const DetectionRowResult& row) {
                                       {"low", number(interval.low)},
                                       {"high", number(interval.high)}};
   }
+  json["false_alarms_at_half"] = row.false_at_half;
   json["us_per_frame"] = row.microseconds;
   return json;
 }
@@ -96,6 +99,9 @@ nlohmann::ordered_json results_json(const DetectionBenchmarkOptions& options,
   json["samples_per_lambda_w"] = options.field.samples_per_lambda_w;
   json["pupil"] = pupil_word(options.measurement.pupil);
   json["faded"] = options.measurement.faded;
+  json["blur"] = options.measurement.blur;
+  json["sky_e"] = options.measurement.sky_e;
+  json["read_noise_e"] = options.measurement.read_noise_e;
   json["validation_realisations"] = options.validation_realisations;
   json["test_realisations"] = options.test_realisations;
   json["false_alarms_of_recall"] = kStatedFalseAlarms;
@@ -147,6 +153,48 @@ void export_benchmark(const DetectOptionsOfBench& options, const RealisationCach
   fmt::print("{}: README.md says what is in it\n", options.export_folder);
 }
 
+void print_variant(const FieldVariant& variant, const DetectionCellResult& cell) {
+  for (const DetectionRowResult& row : cell.rows) {
+    fmt::print("{:<30} {:>10}", variant.name, row.name);
+    for (const auto value : {&DetectionScore::f1, &DetectionScore::average_precision,
+                             &DetectionScore::recall, &DetectionScore::rms})
+      fmt::print(" {:>12}", figure(row, value));
+    fmt::print(" {:>7.2f}\n", row.false_at_half);
+  }
+  std::fflush(stdout);
+}
+
+/// Measures whitened and classifier on all variants of the sensor.
+void bench_field(const DetectOptionsOfBench& options, const RealisationCache& cache) {
+  nlohmann::ordered_json json;
+  json["program"] = kProgram;
+  if (!options.run.json) {
+    fmt::print("{:<41}", "");
+    for (const char* heading : {"F1", "av. prec.", "recall", "rms"}) fmt::print(" {:>12}", heading);
+    fmt::print("   false a frame at p >= .5\n");
+  }
+  const std::vector<double>& photons = options.benchmark.photons;
+  const bool noisy =
+      std::all_of(photons.begin(), photons.end(), [](double n) { return std::isfinite(n); });
+  for (const FieldVariant& variant :
+       field_variants(options.benchmark.field, options.benchmark.measurement, noisy)) {
+    DetectionBenchmarkOptions benchmark = options.benchmark;
+    benchmark.baselines = false;
+    benchmark.field = variant.field;
+    benchmark.measurement = variant.measurement;
+    const auto n = static_cast<std::int64_t>(benchmark.rytov_variances.size()) *
+                   (benchmark.test_realisations + benchmark.validation_realisations);
+    const auto cells = options.run.watch(
+        "fields", n, [&](auto step) { return run_detection_benchmark(benchmark, cache, step); });
+    nlohmann::ordered_json entry = results_json(benchmark, cells);
+    entry["variant"] = variant.name;
+    json["variants"].push_back(entry);
+    if (options.run.json) continue;
+    for (const DetectionCellResult& cell : cells) print_variant(variant, cell);
+  }
+  if (options.run.json) fmt::print("{}\n", json.dump(2));
+}
+
 void bench_detect(DetectOptionsOfBench options) {
   refuse_debug_build();
   DetectionBenchmarkOptions& benchmark = options.benchmark;
@@ -155,6 +203,10 @@ void bench_detect(DetectOptionsOfBench options) {
     if (photons == 0.0) photons = kWithoutNoise;
   }
   const RealisationCache cache(options.run.folder());
+  if (options.field) {
+    bench_field(options, cache);
+    return;
+  }
   announce(benchmark, cache);
   if (!options.export_folder.empty()) {
     export_benchmark(options, cache);
@@ -238,6 +290,23 @@ void add_bench_detect(CLI::App& bench) {
   detect->add_option("--sampling", benchmark.field.samples_per_lambda_w, "pixels per λ/w")
       ->capture_default_str();
   add_centroid_options(*detect, benchmark.measurement);
+  detect->add_option("--blur", benchmark.measurement.blur, "sigma of the spots' blur, λ/w")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect->add_option("--read-noise", benchmark.measurement.read_noise_e, "electrons, rms")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect
+      ->add_option("--sky", benchmark.measurement.sky_e,
+                   "electrons a pixel that the dark does not have; the level is measured")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect->add_flag("--neighbours", benchmark.field.neighbours,
+                   "light beyond a window falls on the next one");
+  detect->add_flag(
+      "--field", options->field,
+      "whitened and classifier on sensors as they are outside the laboratory: blurred, "
+      "coarse, turned, faded, sky-lit; by default at Rytov variance 2, 1000 photons");
   detect->add_option("--export", options->export_folder,
                      "measure nothing, but write frames, truth and a scorer into this new folder");
   add_pupil_option(*detect, benchmark.measurement.pupil);
@@ -253,7 +322,12 @@ void add_bench_detect(CLI::App& bench) {
       ->check(CLI::PositiveNumber);
   options->run.add_to(*detect, "only 4 fields of each kind, to show that all of it runs",
                       benchmark.threads);
-  detect->callback([options] { bench_detect(*options); });
+  detect->callback([options, detect] {
+    // One cell of the laboratory is enough to compare sensors.
+    if (options->field && detect->count("--rytov") == 0) options->benchmark.rytov_variances = {2.0};
+    if (options->field && detect->count("--photons") == 0) options->benchmark.photons = {1000.0};
+    bench_detect(*options);
+  });
 }
 
 }  // namespace curlew

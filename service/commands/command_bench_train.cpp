@@ -31,19 +31,17 @@ void bench_train(const TrainOptionsOfBench& options) {
       });
   const std::string command = fmt::format(
       "curlew bench train --fields {} --validation {} --steps {} --batch {} --rate {} "
-      "--seed {}",
+      "--seed {}{}",
       training.fields, training.validation_fields, training.steps, training.batch,
-      training.learning_rate, training.seed);
+      training.learning_rate, training.seed, training.from_shipped ? " --from-shipped" : "");
   std::ofstream file(options.out);
   file << weights_text(report, command);
   if (!file.flush()) throw Failure(fmt::format("{} cannot be written", options.out));
   fmt::print(
       "{}\nsimulating {:.0f} s, measuring {:.0f} s, training {:.0f} s, validating {:.0f} s\n",
       command, report.simulating_s, report.measuring_s, report.training_s, report.validating_s);
-  for (const ValidationScore& score : report.validation) {
-    fmt::print("Rytov variance {}, {} photons: average precision {:.3f}, F1 {:.3f}, rms {:.3f}\n",
-               score.rytov_variance, score.photons, score.average_precision, score.f1, score.rms);
-  }
+  fmt::print("Rytov variance, photons: average precision, F1, rms in pitches\n");
+  for (const ValidationScore& score : report.validation) fmt::print("{}\n", score.text());
 }
 
 }  // namespace
@@ -65,6 +63,8 @@ void add_bench_train(CLI::App& bench) {
   train->add_option("--rate", training.learning_rate, "learning rate of the optimiser")
       ->capture_default_str();
   train->add_option("--seed", training.seed, "seed of all random numbers")->capture_default_str();
+  train->add_flag("--from-shipped", training.from_shipped,
+                  "begin with the weights that are compiled in, not at random");
   train->add_option("--cache", options->cache, "folder in which simulated fields are kept")
       ->capture_default_str();
   train->add_option("--threads", training.threads, "threads that simulate fields")

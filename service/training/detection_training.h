@@ -19,16 +19,22 @@ struct TrainingOptions {
   int batch = 512;  ///< nodes in each step
   double learning_rate = 2e-3;
   std::uint64_t seed = 1;
-  int threads = 1;  ///< threads that simulate fields; training itself takes one
+  bool from_shipped = false;  ///< begin with the weights that are compiled in, not at random
+  int threads = 1;            ///< threads that simulate fields; training itself takes one
 };
 
-/// How good a network is on validation fields, behind one turbulence and at one flux.
+/// How good a network is on validation fields, behind one turbulence and by one sensor.
 struct ValidationScore {
   double rytov_variance = 0.0;
   double photons = 0.0;
+  double blur = 0.0;   ///< λ/w
+  double faded = 0.0;  ///< part of the lenslets
   double average_precision = 0.0;
   double f1 = 0.0;
   double rms = 0.0;
+
+  /// Returns "2, 1000, blur 0.3: AP, F1, rms".
+  std::string text() const;
 };
 
 struct TrainingReport {

@@ -17,26 +17,24 @@
 #include "service/bench/detection_measurement.h"
 #include "service/spot_camera.h"
 #include "service/training/classifier_optimiser.h"
+#include "service/training/training_exposures.h"
 
 namespace curlew {
 namespace {
 
-/// Plans for frames of training fields, one for each geometry and flux.
+/// Plans for frames of training fields, one for each kind of sensor.
 class MeasurementPlans {
  public:
-  const MeasurementPlan& of(const FieldParameters& p, double photons) {
+  const MeasurementPlan& of(const FieldParameters& p, const MeasurementOptions& options) {
     std::unique_ptr<MeasurementPlan>& plan =
-        plans_[{p.lenslet, p.window_px, p.samples_per_lambda_w, photons}];
-    if (!plan) {
-      MeasurementOptions options;
-      options.photons = photons;
-      plan = std::make_unique<MeasurementPlan>(p, options);
-    }
+        plans_[{p.lenslet, p.window_px, options.photons, options.blur, options.faded}];
+    if (!plan) plan = std::make_unique<MeasurementPlan>(p, options);
     return *plan;
   }
 
  private:
-  std::map<std::tuple<double, int, double, double>, std::unique_ptr<MeasurementPlan>> plans_;
+  std::map<std::tuple<double, int, double, double, double>, std::unique_ptr<MeasurementPlan>>
+      plans_;
 };
 
 /// What a gate gets of each node, and whether it should let the node pass.
@@ -48,35 +46,47 @@ struct GateLessons {
   std::vector<float> found;   // [lessons]; 1: the network sees a vortex from this node
 };
 
-constexpr std::size_t kMaxFields = 120;
+constexpr std::size_t kMaxFields = 150;
+
+/// Returns how field i is seen. Every other field is seen as the benchmark sees it, the others
+/// blurred, with lenslets that have faded or, if they are wide enough, through coarse pixels.
+/// Without noise nothing fades.
+MeasurementOptions options_of_field(std::size_t i, bool coarse) {
+  constexpr std::array<double, 4> kPhotons{kWithoutNoise, 1000.0, 200.0, 450.0};
+  constexpr std::array<double, 3> kBlurs{0.2, 0.4, 0.6};
+  MeasurementOptions options;
+  // The shifts give the same geometries other fluxes in the next rounds.
+  options.photons = kPhotons[(i + i / 10 + i / 100) % 4];
+  if (i % 2 == 0) return options;
+  if (!coarse) options.blur = kBlurs[i / 2 % 3];
+  if (i % 5 == 0) options.faded = 0.05;
+  return options;
+}
 
 /// Exposes the fields and calls use(classifier, frame, workspace, found). The classifier has judged
 /// the nodes that the scout gives min_scout or more; found is 1 where it sees a vortex well.
 template <typename Use>
-void see_fields(std::vector<TrainingField>& fields, const ClassifierNetwork& network,
+void see_fields(const std::vector<TrainingField>& fields, const ClassifierNetwork& network,
                 double min_scout, Use&& use) {
   constexpr float kFound = 0.1F;
   // At least this part of what a neighbouring node gives the same vortex.
   constexpr float kBestView = 0.5F;
-  constexpr std::array<double, 4> kPhotons{kWithoutNoise, 1000.0, 200.0, 450.0};
   MeasurementPlans plans;
   for (std::size_t i = 0; i < std::min(kMaxFields, fields.size()); ++i) {
-    TrainingField& field = fields[i];
-    // All five Rytov variances and ten geometries come round every 50 fields. The shift by i / 50
-    // gives them other fluxes in the next round.
-    const MeasurementPlan& plan = plans.of(field.parameters, kPhotons[(i + i / 50) % 4]);
-    Realisation realisation{std::move(field.light), {}};
+    const TrainingField& field = fields[i];
+    const bool coarse = i % 4 == 3 && field.parameters.window_px > kNarrowWindow_px;
+    const DrawnSensor sensor = plain_sensor(field, coarse);
+    const MeasurementPlan& plan = plans.of(sensor.parameters, options_of_field(i, coarse));
     MeasuredFrame frame(plan);
-    measure_frame(plan, realisation, realisation_seed(Subset::kTraining, static_cast<int>(i)),
-                  frame);
-    field.light = std::move(realisation.light);
+    measure_frame(plan, {sensor.light, {}},
+                  realisation_seed(Subset::kTraining, static_cast<int>(i)), frame);
     const ClassifierPlan classifier(
         {.min_probability = 0.02, .min_scout = min_scout, .as_trained = true},
         spot_camera(plan.sensor()), plan.format(), network);
     ClassifierWorkspace workspace(classifier);
-    VortexList vortices(field.light.size());
-    find_classified_vortices(classifier, frame.frame.view(), frame.centroids, frame.circulation,
-                             workspace, vortices);
+    VortexList vortices(2 * sensor.missing.size());
+    find_classified_vortices(classifier, frame.frame.view(), frame.shift(), frame.centroids,
+                             frame.circulation, workspace, vortices);
     const int rows = classifier.rows() - 1;
     const int cols = classifier.cols() - 1;
     Image<std::array<float, 3>> probability(rows, cols);
@@ -102,13 +112,15 @@ void see_fields(std::vector<TrainingField>& fields, const ClassifierNetwork& net
   }
 }
 
-GateLessons scout_lessons(std::vector<TrainingField>& fields, const ClassifierNetwork& network) {
+GateLessons scout_lessons(const std::vector<TrainingField>& fields,
+                          const ClassifierNetwork& network) {
   GateLessons lessons{kScoutFeatures, {}, {}};
   see_fields(fields, network, 2.0 * kEveryNode,
              [&](const ClassifierPlan& classifier, const MeasuredFrame& frame,
                  ClassifierWorkspace& workspace, const Image<float>& found) {
                describe_lenslets(frame.centroids, frame.circulation, mean_flux(frame.centroids),
-                                 classifier.pixels_per_lambda_w(), workspace.scout);
+                                 classifier.pixels_per_lambda_w(), classifier.excess_spread(),
+                                 workspace.scout);
                for (int row = 0; row < found.rows(); ++row) {
                  describe_nodes(row, workspace.scout);
                  for (int col = 0; col < found.cols(); ++col) {
@@ -122,7 +134,8 @@ GateLessons scout_lessons(std::vector<TrainingField>& fields, const ClassifierNe
 }
 
 /// Returns the lessons of the nodes that the trained scout lets pass.
-GateLessons screen_lessons(std::vector<TrainingField>& fields, const ClassifierNetwork& network) {
+GateLessons screen_lessons(const std::vector<TrainingField>& fields,
+                           const ClassifierNetwork& network) {
   constexpr int kCode = ClassifierNetwork::kCode;
   constexpr int kInset = (kPatch - kScreenPatch) / 2;
   GateLessons lessons{std::size_t{kScreenPatch} * kScreenPatch * kCode, {}, {}};
@@ -205,13 +218,13 @@ void train_gate(const char* name, const GateLessons& lessons, RandomStream rando
 
 }  // namespace
 
-void train_scout(std::vector<TrainingField>& fields, std::uint64_t seed, ClassifierNetwork& network,
-                 const std::function<void(const std::string&)>& log) {
+void train_scout(const std::vector<TrainingField>& fields, std::uint64_t seed,
+                 ClassifierNetwork& network, const std::function<void(const std::string&)>& log) {
   train_gate("scout", scout_lessons(fields, network), RandomStream(seed, 2),
              ClassifierNetwork::kHeadEnd, ClassifierNetwork::kScoutEnd, network, log);
 }
 
-void train_screen(std::vector<TrainingField>& fields, std::uint64_t seed,
+void train_screen(const std::vector<TrainingField>& fields, std::uint64_t seed,
                   ClassifierNetwork& network, const std::function<void(const std::string&)>& log) {
   train_gate("screen", screen_lessons(fields, network), RandomStream(seed, 3),
              ClassifierNetwork::kScoutEnd, ClassifierNetwork::kLayers, network, log);

@@ -13,11 +13,11 @@ namespace curlew {
 
 /// Trains the scout's layers of a network whose other layers are trained. Logs what thresholds
 /// would cost.
-void train_scout(std::vector<TrainingField>& fields, std::uint64_t seed, ClassifierNetwork& network,
-                 const std::function<void(const std::string&)>& log);
+void train_scout(const std::vector<TrainingField>& fields, std::uint64_t seed,
+                 ClassifierNetwork& network, const std::function<void(const std::string&)>& log);
 
 /// Trains the screen in the same way, after the scout, on the nodes that the scout lets pass.
-void train_screen(std::vector<TrainingField>& fields, std::uint64_t seed,
+void train_screen(const std::vector<TrainingField>& fields, std::uint64_t seed,
                   ClassifierNetwork& network, const std::function<void(const std::string&)>& log);
 
 }  // namespace curlew

@@ -1,11 +1,10 @@
-// What a simulated field teaches the vortex classifier: labels of its nodes, features of its spots.
+// What a simulated field teaches the vortex classifier: the labels of its nodes.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <vector>
 
-#include "acquisition/simulator/random_stream.h"
 #include "core/image.h"
 #include "service/bench/detection_dataset.h"
 #include "service/bench/detection_score.h"
@@ -42,8 +41,12 @@ struct TrainingField {
   Image<std::uint8_t> near_vortex;
 };
 
-/// Returns the parameters of training realisation `index`, of five Rytov variances and ten
-/// geometries.
+/// Windows wider than this, of ±1.5 λ/w, can make sensors of coarse pixels.
+inline constexpr int kNarrowWindow_px = 12;
+
+/// Returns the parameters of training realisation `index`, of ten Rytov variances and geometries,
+/// which come round every 100. Pixels are .25 λ/w, of which sensors of coarser ones are made, and
+/// three windows in ten are ±3 λ/w wide.
 FieldParameters training_field(int index);
 
 /// Returns the labels of the field's nodes, [rows − 1, cols − 1].
@@ -52,14 +55,5 @@ Image<NodeLabel> label_nodes(const FieldParameters& p, const std::vector<GradedV
 /// Labels the nodes of a realisation, and marks those with any vortex within 2 pitches on each
 /// axis.
 TrainingField make_training_field(const FieldParameters& p, Realisation realisation);
-
-/// The features of every lenslet in one exposure.
-struct Exposure {
-  int field = 0;
-  Image<float> features;  // [rows, cols·kSpotFeatures]
-};
-
-/// Draws the field's noise and measures its spots. photons infinite: no noise.
-void measure(const TrainingField& field, double photons, RandomStream& random, Exposure& exposure);
 
 }  // namespace curlew

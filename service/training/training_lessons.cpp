@@ -6,12 +6,11 @@
 #include <utility>
 
 #include "core/as_size.h"
-#include "service/bench/detection_measurement.h"
 
 namespace curlew {
 namespace {
 
-constexpr int kExposures = 24;    // at one time
+constexpr int kExposures = 64;    // at one time
 constexpr int kVisits = 2;        // of each node, each time turned and cut anew
 constexpr double kKeptFar = 0.3;  // part of the nodes without a vortex near that is used
 
@@ -85,20 +84,27 @@ NodeLabel Lessons::next(float* inputs) {
   const TrainingField& field = fields_[as_size(exposure.field)];
   const Symmetry& symmetry = symmetries_[static_cast<std::size_t>(8.0 * random_.uniform())];
   const std::uint32_t missing = draw_missing();
-  for (int lenslet = 0; lenslet < kPatchLenslets; ++lenslet, inputs += kSpotFeatures) {
+  const auto factors = trait_factors(exposure.traits);
+  for (int lenslet = 0; lenslet < kPatchLenslets; ++lenslet, inputs += kTaughtInputs) {
     const int from = symmetry.lenslet[as_size(lenslet)];
     const int row = node.row - 1 + from / kPatch;
     const int col = node.col - 1 + from % kPatch;
-    if (row < 0 || col < 0 || row >= field.parameters.rows || col >= field.parameters.cols ||
+    if (!exposure.missing.contains(row, col) || exposure.missing(row, col) != 0 ||
         (missing >> lenslet & 1U) != 0) {
-      std::fill_n(inputs, kSpotFeatures, 0.0F);
+      std::fill_n(inputs, kTaughtInputs, 0.0F);
       continue;
     }
     const float* features = &exposure.features(row, col * kSpotFeatures);
     for (std::size_t i = 0; i < kSpotFeatures; ++i)
       inputs[i] = features[symmetry.feature[i]] * symmetry.sign[i] * scale_[i];
+    for (std::size_t block = 1; block < kTraitBlocks; ++block) {
+      for (std::size_t i = 0; i < kSpotFeatures; ++i)
+        inputs[block * kSpotFeatures + i] = factors[block] * inputs[i];
+    }
+    inputs[kTaughtInputs - 1] = reach_input(exposure.traits);
   }
-  const NodeLabel& label = field.labels(node.row, node.col);
+  const NodeLabel& label =
+      field.labels(exposure.first_row + node.row, exposure.first_col + node.col);
   NodeLabel turned{symmetry(label[0]), symmetry(label[1]), symmetry(label[2])};
   if (symmetry.mirrors()) std::swap(turned[0], turned[1]);
   for (Label& kind : turned) kind.weight *= node.weight;
@@ -130,13 +136,14 @@ void Lessons::expose_anew() {
     Exposure& exposure = exposures_[as_size(i)];
     exposure.field = static_cast<int>(random_.uniform() * static_cast<double>(fields_.size()));
     const TrainingField& field = fields_[as_size(exposure.field)];
-    const double kind = random_.uniform();
-    const double photons =
-        kind < 0.2 ? kWithoutNoise : 130.0 * std::pow(10.0, 1.4 * random_.uniform());
-    measure(field, photons, random_, exposure);
-    for (int r = 0; r < field.labels.rows(); ++r) {
-      for (int c = 0; c < field.labels.cols(); ++c) {
-        const bool near = field.near_vortex(r, c) != 0;
+    const DrawnSensor sensor = draw_sensor(field, random_);
+    expose(sensor, draw_noise(sensor.usual, random_), random_, exposure);
+    const Image<std::uint8_t>& gone = exposure.missing;
+    for (int r = 0; r + 1 < gone.rows(); ++r) {
+      for (int c = 0; c + 1 < gone.cols(); ++c) {
+        // The classifier does not judge a node that has lost two of its lenslets.
+        if (gone(r, c) + gone(r, c + 1) + gone(r + 1, c) + gone(r + 1, c + 1) > 1) continue;
+        const bool near = field.near_vortex(exposure.first_row + r, exposure.first_col + c) != 0;
         if (near || random_.uniform() < kKeptFar)
           nodes_.push_back({i, r, c, near ? 1.0F : static_cast<float>(1.0 / kKeptFar)});
       }

@@ -9,6 +9,7 @@
 #include "acquisition/simulator/random_stream.h"
 #include "detect/classifier/classifier_network.h"
 #include "detect/classifier/spot_features.h"
+#include "service/training/training_exposures.h"
 #include "service/training/training_fields.h"
 
 namespace curlew {
@@ -38,13 +39,13 @@ class Lessons {
   double measuring_s() const { return measuring_s_; }
   const std::array<float, kSpotFeatures>& scale() const { return scale_; }
 
-  /// Fills the inputs of one node, [kPatchLenslets, kSpotFeatures], times scale(), and returns its
-  /// label.
+  /// Fills the inputs of one node, [kPatchLenslets, kTaughtInputs], the features times scale(), and
+  /// returns its label.
   NodeLabel next(float* inputs);
 
  private:
   struct Node {
-    std::int32_t exposure, row, col;
+    std::int32_t exposure, row, col;  // of the block
     float weight;
   };
 

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <set>
 
 #include "acquisition/simulator/simulator.h"
@@ -44,9 +45,9 @@ struct Counts {
   int false_alarms = 0;
 };
 
-Counts count(DetectMethod method, int frames = 6, bool follow = true) {
-  Simulator simulator(turbulence(1000.0, frames));
-  const Sensor sensor = sensor_of(simulator, 6, 100.0);
+Counts count(DetectMethod method, const SimulatorOptions& simulated, bool follow = true) {
+  Simulator simulator(simulated);
+  const Sensor sensor = sensor_of(simulator, simulated.window_px, 100.0);
   Config config;
   config.detect.method = method;
   config.centroid.follow_windows = follow;
@@ -68,6 +69,10 @@ Counts count(DetectMethod method, int frames = 6, bool follow = true) {
   };
   pipeline.run(feed, publisher);
   return counts;
+}
+
+Counts count(DetectMethod method, int frames = 6, bool follow = true) {
+  return count(method, turbulence(1000.0, frames), follow);
 }
 
 // Vortices sit in the dark. Without weak spots hardly any vortex is found.
@@ -97,6 +102,30 @@ TEST(VortexDetection, FollowingTheSpotsCostsNoVortices) {
     EXPECT_GE(following.hits, still.hits - still.hits / 20 - kMayDiffer) << "of " << still.required;
     EXPECT_LE(following.false_alarms, still.false_alarms + 2 + still.hits / 20);
   }
+}
+
+// A sky of 10 electrons a pixel made 46 false vortices a frame when the network took the level from
+// the sensor file.
+TEST(VortexDetection, TheClassifierFollowsTheLevel) {
+  SimulatorOptions sky = turbulence(1000.0, 6);
+  sky.background_e = 10.0;
+  const Counts known = count(DetectMethod::kClassifier);
+  const Counts counts = count(DetectMethod::kClassifier, sky);
+  EXPECT_LE(counts.false_alarms, 6);
+  EXPECT_GE(counts.hits, known.hits / 2) << "of " << counts.required;  // it is noisier, too
+}
+
+// A tilt moves the spots by 5 px, to the rim of their windows of ±6 px, and the network looks where
+// they are.
+TEST(VortexDetection, TheClassifierFollowsTheSpots) {
+  SimulatorOptions tilted = turbulence(1000.0, 6);
+  tilted.window_px = 12;
+  tilted.stray_light = StrayLight::kNeighbours;
+  const Counts straight = count(DetectMethod::kClassifier, tilted);
+  tilted.scene.tilt_x_rad = 5.0 * 2.0 * std::numbers::pi / tilted.samples_per_lambda_w;
+  const Counts counts = count(DetectMethod::kClassifier, tilted);
+  EXPECT_GE(counts.hits, straight.hits * 8 / 10) << "of " << counts.required;
+  EXPECT_LE(counts.false_alarms, straight.false_alarms + straight.hits / 5);
 }
 
 TEST(VortexDetection, TracksKeepTheirNumbersFromFrameToFrame) {
@@ -177,10 +206,9 @@ TEST(VortexDetection, WhatTheClassifierWasNotTaughtIsRefused) {
   config.detect.method = DetectMethod::kClassifier;
   Sensor turned = sensor_of(simulator, 6, 100.0);
   turned.grid.p21 = 0.2 * turned.grid.p11;
-  EXPECT_NE(refusal(turned, simulator.format(), config).find("turned by 11.3 degrees"),
-            std::string::npos);
+  EXPECT_EQ(refusal(turned, simulator.format(), config), "");
   Sensor blurred = sensor_of(simulator, 6, 100.0);
-  blurred.spot_blur_px = 1.0;  // where λ/w is 2 px
+  blurred.spot_blur_px = 2.0;  // where λ/w is 2 px
   EXPECT_NE(refusal(blurred, simulator.format(), config).find("spots are blurred"),
             std::string::npos);
   config.detect.method = DetectMethod::kWhitened;
@@ -208,7 +236,7 @@ TEST(VortexDetection, WhatIsNotFiniteIsLeftOut) {
     CirculationMap circulation(10, 10);
     VortexList candidates(plan.candidate_capacity());
     circulate(slopes, circulation);
-    detect_candidates(plan, {}, centroids, slopes, circulation, workspace, candidates);
+    detect_candidates(plan, {}, nullptr, centroids, slopes, circulation, workspace, candidates);
     for (const Vortex& v : candidates)
       EXPECT_TRUE(std::isfinite(v.x + v.y + v.circulation + v.significance + v.probability));
   }

@@ -43,6 +43,7 @@ TEST(DetectionScript, QuickFormMeasuresEverything) {
                                  Expected{"detect_lenslet", "classifier"},
                                  Expected{"detect_window", "classifier"},
                                  Expected{"detect_sampling", "classifier"},
+                                 Expected{"detect_field", "turned by 20 degrees"},
                                  Expected{"false_alarms", "whitened"},
                                  Expected{"classifier", "80 x 80"},
                                  Expected{"bound", "bound, 6x6 lenslets"},

@@ -56,7 +56,7 @@ FrameFormat format_of_test(PixelType type) {
   return format;
 }
 
-void expect_many_equal_one(const SpotCamera& camera, PixelType type) {
+void expect_many_equal_one(const SpotCamera& camera, PixelType type, const FrameShift& shift = {}) {
   const FrameFormat format = format_of_test(type);
   const SpotFeatures features(camera, format);
   RandomStream random(kSeed, 0);
@@ -77,12 +77,12 @@ void expect_many_equal_one(const SpotCamera& camera, PixelType type) {
   }
   ASSERT_EQ(lenslets.size(), 64U);
   std::vector<float> many(lenslets.size() * kSpotFeatures + kProjectionSlack);
-  features.measure_many(frame.view(), lenslets.data(), static_cast<int>(lenslets.size()),
+  features.measure_many(frame.view(), shift, lenslets.data(), static_cast<int>(lenslets.size()),
                         flux.data(), 500.0F, many.data());
   std::array<float, kSpotFeatures> one{};
   for (std::size_t i = 0; i < lenslets.size(); ++i) {
     const auto k = static_cast<std::size_t>(lenslets[i]);
-    features.measure(frame.view(), k, flux[k], 500.0F, one.data());
+    features.measure(frame.view(), shift, k, flux[k], 500.0F, one.data());
     for (std::size_t f = 0; f < kSpotFeatures; ++f) {
       // Both are sums of a window's pixels, all positive, over the sum of these. They differ by a
       // few roundings of 1.
@@ -110,6 +110,86 @@ TEST(SpotFeatures, ManyAreAsOneWithDarkAndResponse) {
     camera.response[i] = static_cast<float>(random.uniform() < 0.05 ? 0.0 : 0.5 + random.uniform());
   }
   expect_many_equal_one(camera, PixelType::kU16);
+}
+
+/// Maps of a frame whose level, noise and windows are not those of the calibration. Some windows
+/// partly leave the frame.
+struct ShiftedFrame {
+  ShiftedFrame() {
+    RandomStream random(kSeed, 2);
+    for (std::size_t k = 0; k < level.size(); ++k) {
+      level[k] = static_cast<float>(20.0 * random.uniform());
+      spots_x[k] = static_cast<float>(30.0 * (random.uniform() - 0.5));
+      spots_y[k] = static_cast<float>(30.0 * (random.uniform() - 0.5));
+      windows_x[k] = std::round(spots_x[k]);
+      windows_y[k] = std::round(spots_y[k]);
+    }
+  }
+  FrameShift shift() const {
+    return {.level_counts = &level,
+            .noise_counts = 9.0F,
+            .spots_x_px = &spots_x,
+            .spots_y_px = &spots_y,
+            .windows_x_px = &windows_x,
+            .windows_y_px = &windows_y};
+  }
+
+  Image<float> level{8, 8};
+  Image<float> spots_x{8, 8};
+  Image<float> spots_y{8, 8};
+  Image<float> windows_x{8, 8};
+  Image<float> windows_y{8, 8};
+};
+
+TEST(SpotFeatures, ManyAreAsOneInAFrameThatIsNotAsCalibrated) {
+  const ShiftedFrame shifted;
+  SpotCamera camera = camera_of_test(3.0);
+  expect_many_equal_one(camera, PixelType::kU16, shifted.shift());
+  camera.response = Image<float>(96, 97, 1.0F);
+  for (std::size_t i = 0; i < camera.response.size(); i += 23) camera.response[i] = 0.0F;
+  expect_many_equal_one(camera, PixelType::kU8, shifted.shift());
+}
+
+/// A spot at level 60 in a window that has moved by (3, −2) pixels gives what it gave at level 0
+/// where the window was.
+TEST(SpotFeatures, LevelAndMovedWindowsDoNotShow) {
+  constexpr int kSide = 32;
+  constexpr float kLevel = 60.0F;
+  FrameFormat format;
+  format.rows = format.cols = kSide;
+  SpotCamera camera;
+  camera.windows = Image<SpotWindow>(1, 1);
+  camera.windows(0, 0) = {8, 10, 9, 9, 12.3F, 13.6F};
+  camera.pixels_per_lambda_w = 3.0;
+  camera.background_adu = 100.0;
+  camera.e_per_adu = 1.0;
+  camera.read_noise_e = 2.0;
+  const SpotFeatures features(camera, format);
+  const auto measured = [&](float level, int dx, int dy, const FrameShift& shift) {
+    FrameBuffer frame(format);
+    auto* counts = reinterpret_cast<std::uint16_t*>(frame.data());
+    for (int y = 0; y < kSide; ++y) {
+      for (int x = 0; x < kSide; ++x) {
+        const float u = static_cast<float>(x - dx) - 12.0F;
+        const float v = static_cast<float>(y - dy) - 14.0F;
+        const float spot = std::round(900.0F * std::exp(-0.2F * (u * u + v * v)));
+        counts[y * kSide + x] = static_cast<std::uint16_t>(100.0F + level + spot);
+      }
+    }
+    std::array<float, kSpotFeatures> spot{};
+    features.measure(frame.view(), shift, 0, 500.0F, 500.0F, spot.data());
+    return spot;
+  };
+  const Image<float> level(1, 1, kLevel), x(1, 1, 3.0F), y(1, 1, -2.0F);
+  const auto calibrated = measured(0.0F, 0, 0, {});
+  const auto moved = measured(kLevel, 3, -2,
+                              {.level_counts = &level,
+                               .noise_counts = 2.0F,
+                               .spots_x_px = &x,
+                               .spots_y_px = &y,
+                               .windows_x_px = &x,
+                               .windows_y_px = &y});
+  for (std::size_t i = 0; i < kSpotFeatures; ++i) EXPECT_NEAR(moved[i], calibrated[i], 1e-5F) << i;
 }
 
 TEST(SpotFeatures, EveryPlaceIsTakenOnce) {
