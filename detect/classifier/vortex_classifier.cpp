@@ -299,10 +299,9 @@ ClassifierPlan::ClassifierPlan(const ClassifierOptions& options, const SpotCamer
       judging_(network_.layers[ClassifierNetwork::kEncoderEnd], kPatch),
       screening_(network_.layers[ClassifierNetwork::kScoutEnd], kScreenPatch),
       pixels_per_lambda_w_(static_cast<float>(camera.pixels_per_lambda_w)),
-      excess_spread_(0.0F) {
-  const SensorTraits traits = traits_of(camera);
-  network_.layers.front() = layer_for_sensor(network_.layers.front(), traits, camera.rotation_rad);
-  excess_spread_ = curlew::excess_spread(traits);
+      excess_spread_(curlew::excess_spread(traits_of(camera))) {
+  network_.layers.front() =
+      layer_for_sensor(network_.layers.front(), traits_of(camera), camera.rotation_rad);
   // The first input of the scout's first layer is 1, so that its bias can be added to that input's
   // weights.
   DenseLayer& scouting = network_.layers[ClassifierNetwork::kHeadEnd];

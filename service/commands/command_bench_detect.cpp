@@ -259,6 +259,29 @@ void add_centroid_options(CLI::App& detect, MeasurementOptions& measurement) {
       ->capture_default_str();
 }
 
+/// Adds what the sensor is, and what is in its way.
+void add_sensor_options(CLI::App& detect, DetectionBenchmarkOptions& benchmark) {
+  detect.add_option("--blur", benchmark.measurement.blur, "sigma of the spots' blur, λ/w")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect.add_option("--read-noise", benchmark.measurement.read_noise_e, "electrons, rms")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect
+      .add_option("--sky", benchmark.measurement.sky_e,
+                  "electrons a pixel that the dark does not have; the level is measured")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  detect.add_flag("--neighbours", benchmark.field.neighbours,
+                  "light beyond a window falls on the next one");
+  add_pupil_option(detect, benchmark.measurement.pupil);
+  detect
+      .add_option("--faded", benchmark.measurement.faded,
+                  "part of the lenslets that are dark; every frame has others")
+      ->check(CLI::Range(0.0, 0.9))
+      ->capture_default_str();
+}
+
 }  // namespace
 
 void add_bench_detect(CLI::App& bench) {
@@ -290,31 +313,13 @@ void add_bench_detect(CLI::App& bench) {
   detect->add_option("--sampling", benchmark.field.samples_per_lambda_w, "pixels per λ/w")
       ->capture_default_str();
   add_centroid_options(*detect, benchmark.measurement);
-  detect->add_option("--blur", benchmark.measurement.blur, "sigma of the spots' blur, λ/w")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  detect->add_option("--read-noise", benchmark.measurement.read_noise_e, "electrons, rms")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  detect
-      ->add_option("--sky", benchmark.measurement.sky_e,
-                   "electrons a pixel that the dark does not have; the level is measured")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  detect->add_flag("--neighbours", benchmark.field.neighbours,
-                   "light beyond a window falls on the next one");
   detect->add_flag(
       "--field", options->field,
       "whitened and classifier on sensors as they are outside the laboratory: blurred, "
       "coarse, turned, faded, sky-lit; by default at Rytov variance 2, 1000 photons");
   detect->add_option("--export", options->export_folder,
                      "measure nothing, but write frames, truth and a scorer into this new folder");
-  add_pupil_option(*detect, benchmark.measurement.pupil);
-  detect
-      ->add_option("--faded", benchmark.measurement.faded,
-                   "part of the lenslets that are dark; every frame has others")
-      ->check(CLI::Range(0.0, 0.9))
-      ->capture_default_str();
+  add_sensor_options(*detect, benchmark);
   detect
       ->add_option("--controlled", benchmark.controlled_rates,
                    "adds rows for whitened and classifier at these rates of false alarms a frame")

@@ -100,7 +100,7 @@ double lose(const NodeLabel& label, const float* output, float scale, float* gra
 ClassifierNetwork scaled(ClassifierNetwork network, const std::array<float, kSpotFeatures>& scale) {
   DenseLayer& layer = network.layers.front();
   const auto outputs = as_size(layer.outputs);
-  for (std::size_t k = 0; k < kTraitBlocks * kSpotFeatures * outputs; ++k)
+  for (std::size_t k = 0; k < std::size_t{kTraitBlocks} * kSpotFeatures * outputs; ++k)
     layer.weights[k] *= scale[k / outputs % kSpotFeatures];
   return network;
 }
