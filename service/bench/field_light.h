@@ -8,7 +8,7 @@ namespace curlew {
 
 /// Returns the light of a frame after a Gaussian blur of sigma_px. The light must hold nothing
 /// beyond half a cycle a pixel, as the light of pixels of .5 λ/w or finer does; then the blur is
-/// exact, however narrow. Light that is blurred over the frame's rim is lost.
+/// right to .4 % of the light, however narrow. Light that is blurred over the frame's rim is lost.
 Image<float> blurred(const Image<float>& light, double sigma_px);
 
 /// Returns the parameters of the finer and wider light that turned() needs.
