@@ -162,13 +162,12 @@ class Kernel {
   void measure_core(int lenslet) {
     const auto k = static_cast<std::size_t>(lenslet);
     const float flux_adu = out_.flux_adu[k];
-    if (conditions_.sharp != nullptr && conditions_.sharp->first[k] >= 0) {
-      --out_.n_valid;
-      clear(out_, k, LensletState::kBadPixels);
-    } else {
-      measure_again(lenslet);
-    }
+    const float xx_px2 = out_.xx_px2[k], yy_px2 = out_.yy_px2[k], xy_px2 = out_.xy_px2[k];
+    measure_again(lenslet);
     out_.flux_adu[k] = flux_adu;
+    out_.xx_px2[k] = xx_px2;
+    out_.yy_px2[k] = yy_px2;
+    out_.xy_px2[k] = xy_px2;
   }
 
   void measure_one(std::size_t k) {
@@ -199,13 +198,18 @@ class Kernel {
     // This is the narrowest vector that holds the window, but never wider than the frame.
     const int width = std::min(spot.w > 8 ? 16 : spot.w > 4 ? 8 : 4, plan_.frame_cols);
     const float raised = model_.raised(plan_, k);
+    const SharpPixels* sharp = conditions_.sharp;
+    const bool hit = model_.relative_threshold > 0.0F && sharp != nullptr && sharp->first[k] >= 0;
+    const float peak =
+        hit ? brightest_but_sharp(plan_, pixels_, spot, *sharp, sharp->first[k], raised) : -1.0F;
     if (width >= 16)
       return sum_window<hn::CappedTag<float, 16>, Pixel, kMaps>(plan_, pixels_, spot, model_,
-                                                                raised);
+                                                                raised, peak);
     if (width >= 8)
-      return sum_window<hn::CappedTag<float, 8>, Pixel, kMaps>(plan_, pixels_, spot, model_,
-                                                               raised);
-    return sum_window<hn::CappedTag<float, 4>, Pixel, kMaps>(plan_, pixels_, spot, model_, raised);
+      return sum_window<hn::CappedTag<float, 8>, Pixel, kMaps>(plan_, pixels_, spot, model_, raised,
+                                                               peak);
+    return sum_window<hn::CappedTag<float, 4>, Pixel, kMaps>(plan_, pixels_, spot, model_, raised,
+                                                             peak);
   }
 
   const CentroidPlan& plan_;

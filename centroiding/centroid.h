@@ -123,8 +123,8 @@ struct FrameConditions {
   /// These are the strips of `windows`, if the windows are not the plan's. Where this is null, such
   /// windows are measured one by one.
   const WindowStrips* strips = nullptr;
-  /// Measures the valid spots again, with the plan's core_threshold as the relative threshold.
-  /// Their flux stays as it was measured before.
+  /// Measures the positions of the valid spots again, with the plan's core_threshold as the
+  /// relative threshold.
   bool cores = false;
 };
 
@@ -157,10 +157,9 @@ inline const WindowStrips* strips_of(const CentroidPlan& plan,
 void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
                     const FrameConditions& conditions = {}) noexcept;
 
-/// Measures the positions of valid spots again by the light of their cores, where the plan has
-/// cores. The conditions must be those with which the spots were measured, but for the strips. A
-/// spot with a sharp pixel in its window counts as one with bad pixels, since its core is not
-/// known.
+/// Measures the positions of valid spots and their variances again by the light of their cores,
+/// where the plan has cores. Flux and second moments stay those of all light. The conditions must
+/// be those with which the spots were measured, but for the strips.
 void find_core_positions(const CentroidPlan& plan, FrameView frame, Centroids& centroids,
                          FrameConditions conditions = {}) noexcept;
 

@@ -173,17 +173,42 @@ float brightest(const CentroidPlan& plan, const Pixel* pixels, const CentroidPla
   return hn::GetLane(hn::MaxOfLanes(d, peak));
 }
 
+/// Returns the same with the light of its neighbours in place of each sharp pixel; `first` is the
+/// lenslet's first in the list.
+template <typename Pixel>
+float brightest_but_sharp(const CentroidPlan& plan, const Pixel* pixels,
+                          const CentroidPlan::Spot& spot, const SharpPixels& sharp,
+                          std::int32_t first, float raised) noexcept {
+  const bool maps = !plan.gain.empty();
+  float peak = 0.0F;
+  for (int y = spot.y0; y < spot.y0 + spot.h; ++y) {
+    for (int x = spot.x0; x < spot.x0 + spot.w; ++x) {
+      auto count = static_cast<float>(pixels[static_cast<std::ptrdiff_t>(y) * plan.frame_cols + x]);
+      for (std::int32_t i = first; i >= 0; i = sharp.pixels[static_cast<std::size_t>(i)].next) {
+        const SharpPixel& hit = sharp.pixels[static_cast<std::size_t>(i)];
+        if (hit.x == x && hit.y == y) count = count_instead(pixels, plan.frame_cols, hit);
+      }
+      const float offset = maps ? plan.offset(y, x) : plan.uniform_offset;
+      peak = std::max(peak, (maps ? plan.gain(y, x) : 1.0F) * count - (offset + raised));
+    }
+  }
+  return peak;
+}
+
 /// Sums the window in one pass down each chunk of columns. Only VectorMoments multiplies by x, once
-/// per column.
+/// per column. A relative threshold goes by the brightest signal, which is found where known_peak
+/// is negative.
 template <class D, typename Pixel, bool kMaps>
 WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const CentroidPlan::Spot& spot,
-                      const PixelModel& pixel_model, float raised) {
+                      const PixelModel& pixel_model, float raised, float known_peak) {
   using V = hn::Vec<D>;
   const D d;
   SignalVariance model = pixel_model.signal;
   if (pixel_model.relative_threshold > 0.0F) {
     const float fixed = pixel_model.threshold;
-    const float peak = fixed + brightest<D, Pixel, kMaps>(plan, pixels, spot, raised);
+    const float signal =
+        known_peak >= 0.0F ? known_peak : brightest<D, Pixel, kMaps>(plan, pixels, spot, raised);
+    const float peak = fixed + signal;
     const float higher = std::max(pixel_model.relative_threshold * peak - fixed, 0.0F);
     model = variance_of_signal(plan, pixel_model.pixel_variance, fixed + higher);
     raised += higher;

@@ -24,6 +24,7 @@ namespace curlew {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+constexpr double kCore = 0.1;  // the part of a spot's brightest pixel above which its core is
 
 template <typename T>
 void check_size(const Image<T>& map, const Image<float>& reference, const char* name) {
@@ -219,19 +220,42 @@ double measure_sharpness(const Sensor& sensor, const Image<float>& light) {
   return static_cast<double>(quantile(std::move(ratios), 0.9));
 }
 
-/// Spots with wings are measured by their cores. Light that a mirror's or the air's roughness
-/// scatters, or that the optics throw about, lies in other places on the sky than on the lamp, and
-/// pulls a spot of the sky by up to half a pixel; it hardly reaches a tenth of the peak.
-void adopt_cores(Sensor& sensor, const CentroidOptions& options, double width_over_diffraction,
-                 std::vector<std::string>& notes) {
-  constexpr double kWinged = 2.0;  // times as wide as diffraction, above the threshold
-  constexpr double kCore = 0.1;
-  if (options.method != CentroidMethod::kThresholded || options.threshold_relative > 0.0) return;
-  if (!(width_over_diffraction >= kWinged)) return;
+/// Returns the typical spot's σ along an axis, px; NaN where there is none.
+double typical_sigma_px(const Sensor& sensor, const std::vector<WindowMeasurement>& measured) {
+  std::vector<float> spreads_px2;
+  for (std::size_t k = 0; k < measured.size(); ++k)
+    if (sensor.valid[k] != 0) spreads_px2.push_back(static_cast<float>(measured[k].spread_px2));
+  return spreads_px2.empty() ? kUnknown : std::sqrt(0.5 * quantile(std::move(spreads_px2), 0.5));
+}
+
+/// Returns the spots' cores where spots have wings, and nothing else. Light that a mirror's or the
+/// air's roughness scatters, or that the optics throw about, lies in other places on the sky than
+/// on the lamp, and pulls a spot of the sky by up to half a pixel; it hardly reaches a tenth of the
+/// peak. Spots have wings where all their light is twice as wide as diffraction makes it, and 1.8
+/// times as wide as their cores.
+std::vector<WindowMeasurement> adopt_cores(Sensor& sensor, const Image<float>& light,
+                                           double min_adu, double noise_adu,
+                                           double width_over_diffraction,
+                                           std::vector<std::string>& notes) {
+  constexpr double kWinged = 2.0;
+  constexpr double kOverCore = 1.8;
+  if (!(width_over_diffraction >= kWinged)) return {};
+  std::vector<WindowMeasurement> cores(sensor.valid.size());
+  for (std::size_t k = 0; k < cores.size(); ++k)
+    if (sensor.valid[k] != 0)
+      cores[k] =
+          measure_window(light, sensor.bad_pixel, sensor.window[k], {min_adu, kCore}, noise_adu);
+  if (!(sensor.spot_sigma_px >= kOverCore * typical_sigma_px(sensor, cores))) return {};
   sensor.core_threshold = kCore;
+  for (std::size_t k = 0; k < cores.size(); ++k) {
+    if (sensor.valid[k] == 0) continue;
+    sensor.ref_x_px[k] = static_cast<float>(cores[k].x_px);
+    sensor.ref_y_px[k] = static_cast<float>(cores[k].y_px);
+  }
   notes.push_back(say("the spots have wings: with all light above the threshold they are ",
                       width_over_diffraction, " times as wide as diffraction; their positions are ",
                       "those of the light above ", kCore, " of each spot's brightest pixel"));
+  return cores;
 }
 
 /// Sets windows, first references, flux and gain of every lit lenslet. Returns how wide the typical
@@ -277,28 +301,21 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
     notes.push_back(say(n_dropped, " spots at the rim were left out: less than half of the window ",
                         "is on the detector, or nothing in it exceeds the threshold"));
   }
-  std::vector<float> spreads_px2;
-  for (std::size_t k = 0; k < measured.size(); ++k)
-    if (sensor.valid[k] != 0) spreads_px2.push_back(static_cast<float>(measured[k].spread_px2));
-  if (!spreads_px2.empty())
-    sensor.spot_sigma_px = std::sqrt(0.5 * quantile(std::move(spreads_px2), 0.5));
+  sensor.spot_sigma_px = typical_sigma_px(sensor, measured);
   sensor.spot_sharpness = measure_sharpness(sensor, light);
   sensor.spot_gaussian_px = fit_spot_gaussian_px(light, sensor);
   const ReferenceFrames reference{input.reference_frames, input.adu_per_count, input.light_is_cut};
   WindowGains gains = find_window_gains(sensor, light, measured, threshold, options, reference);
   const double width_over_diffraction = gains.width_over_diffraction;
   sensor.spot_blur_px = gains.spot_blur_px;
-  adopt_cores(sensor, options, width_over_diffraction, notes);
-  if (sensor.core_threshold > 0.0) {
-    const SignalThreshold core{threshold.min_adu, sensor.core_threshold};
-    for (std::size_t k = 0; k < measured.size(); ++k) {
-      if (sensor.valid[k] == 0) continue;
-      measured[k] =
-          measure_window(light, sensor.bad_pixel, sensor.window[k], core, reference_noise_adu);
-      sensor.ref_x_px[k] = static_cast<float>(measured[k].x_px);
-      sensor.ref_y_px[k] = static_cast<float>(measured[k].y_px);
+  if (options.method == CentroidMethod::kThresholded && !(options.threshold_relative > 0.0)) {
+    auto cores = adopt_cores(sensor, light, threshold.min_adu, reference_noise_adu,
+                             width_over_diffraction, notes);
+    if (!cores.empty()) {
+      measured = std::move(cores);
+      gains = find_window_gains(sensor, light, measured, {threshold.min_adu, kCore}, options,
+                                reference);
     }
-    gains = find_window_gains(sensor, light, measured, core, options, reference);
   }
   set_gains(sensor, measured, gains.gains, notes);
   return width_over_diffraction;
