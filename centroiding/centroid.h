@@ -37,6 +37,10 @@ struct CentroidOptions {
   /// The windows follow the spots (window_follower.h). Where false they stay where the calibration
   /// put them. Has no effect without follow_level.
   bool follow_windows = true;
+  /// Frames are measured while they are read out, where the camera tells its rows. The noise of the
+  /// whole frame is not known then, so every frame, whole or not, goes by that of the frame before
+  /// where the two differ by less than an eighth. The results then depend on the frame before.
+  bool measure_ahead = false;
 
   /// This says how positions are found; centroid_methods.h describes all methods but the two
   /// centres of gravity. Flux and second moments are always those above T. For kPlain, T is 0.

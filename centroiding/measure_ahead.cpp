@@ -64,6 +64,7 @@ void WindowFollower::tell_windows(Centroids& centroids) const noexcept {
 /// Goes by the forecast where the levels, which have been measured, say that it came true. Returns
 /// whether it did.
 bool WindowFollower::go_by_forecast(const LevelPlan& level_plan, FrameLevels& levels) noexcept {
+  if (!measures_ahead_) return false;
   next_forecast_ = forecast_after(levels);
   if (!came_true(forecast_, levels)) return false;
   go_by(level_plan, forecast_, levels);

@@ -141,6 +141,7 @@ class WindowFollower {
   float followed_px_;  ///< Windows stay while the spots' low orders are within this.
   std::vector<LevelPixel> middle_blocks_;  ///< for the level in the middles of the windows
   float max_bad_fraction_;
+  bool measures_ahead_;          ///< CentroidOptions::measure_ahead
   Image<std::uint8_t> lenslet_;  ///< [rows, cols] 1 where the plan has one
   Image<float> ref_x_px_;
   Image<float> ref_y_px_;

@@ -33,6 +33,7 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("centroid", "threshold_noise", centroid.threshold_noise, kNotNegative);
   visit("centroid", "min_snr", centroid.min_snr, kNotNegative);
   visit("centroid", "follow_level", centroid.follow_level, kNotNegative);
+  visit("centroid", "measure_ahead", centroid.measure_ahead, kNotNegative);
   visit("centroid", "follow_windows", centroid.follow_windows, kNotNegative);
   visit("centroid", "edge_fraction", centroid.edge_fraction, Range{0.0, 0.25});
   visit("centroid", "max_bad_fraction", centroid.max_bad_fraction, kFraction);

@@ -61,6 +61,7 @@ Sensor sensor_of_case(const BenchCase& which) {
 
 Config config_of_case() {
   Config config;
+  config.centroid.measure_ahead = true;
   config.centroid.threshold_adu = kBenchThresholdAdu;
   config.detect.method = DetectMethod::kCirculation;
   return config;

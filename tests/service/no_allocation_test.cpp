@@ -72,6 +72,7 @@ class NoAllocationModes
   static Config config() {
     const auto [threads, weighted, method] = GetParam();
     Config config;
+    config.centroid.measure_ahead = true;
     config.split.weighted = weighted;
     config.pipeline.threads = threads;
     config.detect.method = method;

@@ -154,6 +154,7 @@ class StreamedFrames : public ::testing::Test {
 
   Collected run(Threading threads, bool streamed, bool breaks, const Change& change = {}) {
     Config config;
+    config.centroid.measure_ahead = true;
     config.detect.method = DetectMethod::kCirculation;
     config.pipeline.threads = threads;
     config.pipeline.slots = 3;
@@ -219,6 +220,7 @@ TEST_F(StreamedFrames, AlsoWhereWindowsOrLevelStay) {
 
 TEST_F(StreamedFrames, MostOfThemIsMeasuredBeforeTheLastRow) {
   Config config;
+  config.centroid.measure_ahead = true;
   config.detect.method = DetectMethod::kCirculation;
   const Plan plan(sensor_, simulator_.format(), config);
   WindowFollower follower(*plan.follower);

@@ -43,6 +43,7 @@ class RandomScene {
     constexpr std::array kMethods{CentroidMethod::kThresholded, CentroidMethod::kWeighted,
                                   CentroidMethod::kCorrelation};
     Config config;
+    config.centroid.measure_ahead = true;
     config.detect.method = DetectMethod::kCirculation;
     config.centroid.method = kMethods[static_cast<std::size_t>(whole(0, 5)) % 4 % 3];
     config.centroid.follow_level = whole(0, 5) > 0;

@@ -248,8 +248,6 @@ class Shards(Night):
         finally:
             subprocess.run(["umount", str(disk)], check=True)
 
-
-@unittest.skipUnless(shutil.which("mpirun"), "openmpi-bin is not installed")
     def test_progress_is_told_in_json(self):
         for shard, what, total in ((None, "replay", FRAMES), ("2/3", "shard 2 of 3", FRAMES // 3)):
             command = self.command(shard)[: None if shard else -2]
@@ -318,6 +316,7 @@ class Sweep(Night):
         self.assertEqual((self.folder / f"{self.tag}.b.fits").read_text(), "mine")
 
 
+@unittest.skipUnless(shutil.which("mpirun"), "openmpi-bin is not installed")
 class Mpi(Night):
     def mpirun(self, ranks):
         environment = dict(os.environ, OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
