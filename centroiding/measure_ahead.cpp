@@ -25,6 +25,13 @@ void copy_lenslets(const Centroids& from, std::size_t first, std::size_t n,
   std::copy_n(from.state.data() + first, n, to.state.data() + first);
 }
 
+/// Returns by how many pixels a window should follow a spot that lies so far off its middle. A spot
+/// about half a pixel off stays, or noise would take its window to and fro.
+int steps_to(float off_px) noexcept {
+  constexpr float kNear_px = 0.75F;
+  return std::abs(off_px) <= kNear_px ? 0 : static_cast<int>(std::lround(off_px));
+}
+
 bool holds_candidate(const CentroidPlan::Spot& spot, const SharpPixels& sharp) noexcept {
   return std::any_of(sharp.candidates.begin(), sharp.candidates.end(), [&](const SharpPixel& at) {
     return at.x >= spot.x0 && at.x < spot.x0 + spot.w && at.y >= spot.y0 && at.y < spot.y0 + spot.h;
@@ -84,8 +91,8 @@ void WindowFollower::centre_window(const CentroidPlan& plan, const Centroids& lo
                                    Centroids& centroids) noexcept {
   const float x = looked.x_px[k] - ref_x_px_[k] - moved_x_px_[k];
   const float y = looked.y_px[k] - ref_y_px_[k] - moved_y_px_[k];
-  place_window(plan, k, static_cast<int>(std::lround(moved_x_px_[k] + x)),
-               static_cast<int>(std::lround(moved_y_px_[k] + y)), centred_);
+  place_window(plan, k, static_cast<int>(std::lround(moved_x_px_[k])) + steps_to(x),
+               static_cast<int>(std::lround(moved_y_px_[k])) + steps_to(y), centred_);
   centroids.moved_x_px[k] = static_cast<float>(centred_[k].x0 - plan.spots[k].x0);
   centroids.moved_y_px[k] = static_cast<float>(centred_[k].y0 - plan.spots[k].y0);
   off_centre_[k] = 1;
