@@ -51,7 +51,7 @@ void Sweep::Count::add(const FrameSlot& slot) {
 }
 
 Sweep::Run Sweep::make_run(const NamedConfig& config, const Sensor& sensor,
-                           const FrameFormat& format) const {
+                           const FrameFormat& format) {
   Run run;
   run.plan = std::make_unique<const Plan>(sensor, format, config.config);
   const Plan& plan = *run.plan;

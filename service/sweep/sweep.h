@@ -68,8 +68,8 @@ class Sweep {
     std::optional<std::size_t> split_of;  ///< the run that has the same [split] as well
   };
 
-  Run make_run(const NamedConfig& config, const Sensor& sensor, const FrameFormat& format) const;
-  void run_stages(Run& run, bool saturated_before);
+  static Run make_run(const NamedConfig& config, const Sensor& sensor, const FrameFormat& format);
+  static void run_stages(Run& run, bool saturated_before);
 
   Count first_;
   std::vector<Run> runs_;  ///< run i + 1 of the sweep

@@ -61,8 +61,8 @@ TEST(AutoExposure, SettlesWithinTwoSecondsFromAHundredTimesTooMuchAndTooLittle) 
 
 TEST(AutoExposure, RestsWhileFramesAreRecorded) {
   const ScratchDirectory scratch;
-  const Watched watched = watch(
-      "4000", "[recorder]\nmode = \"continuous\"\nfolder = \"" + (scratch / "frames") + "\"\n");
+  const Watched watched =
+      watch("4000", "[recorder]\nmode = \"continuous\"\nfolder = \"" + scratch.path() + "\"\n");
   EXPECT_EQ(watched.changes, 0) << watched.err;
   EXPECT_NE(watched.err.find("auto_exposure rests while frames are recorded"), std::string::npos)
       << watched.err;
