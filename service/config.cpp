@@ -209,11 +209,11 @@ NamedConfig read_variant(const std::string& path, const toml::key& name, toml::n
     throw UsageError(where + variant.name + " must be a table of sections, such as [" +
                      variant.name + ".detect]");
   read_over(path, *table, variant.config);
-  for (const std::string& section : changed_sections(base, variant.config))
-    if (section != "centroid" && section != "detect" && section != "split" && section != "track")
-      throw UsageError(where +
-                       "a sweep varies [centroid], [detect], [split] and [track], and not [" +
-                       section + "]: put that into --config");
+  std::set<std::string> others = changed_sections(base, variant.config);
+  for (const char* varied : {"centroid", "detect", "split", "track"}) others.erase(varied);
+  if (!others.empty())
+    throw UsageError(where + "a sweep varies [centroid], [detect], [split] and [track], and not [" +
+                     *others.begin() + "]: put that into --config");
   return variant;
 }
 
@@ -239,6 +239,7 @@ std::vector<NamedConfig> read_sweep(const std::string& path, const Config& base)
   std::stable_sort(placed.begin(), placed.end(),
                    [](const auto& a, const auto& b) { return a.first < b.first; });
   std::vector<NamedConfig> variants;
+  variants.reserve(placed.size());
   for (auto& [place, variant] : placed) variants.push_back(std::move(variant));
   return variants;
 }

@@ -25,7 +25,7 @@ template <typename Pixel>
 double brightness(FrameView frame, double pitch_px, double saturation) {
   constexpr double kOverNeighbours = 4.0;
   constexpr std::size_t kPassedOver = 100;
-  const Pixel* pixels = frame.data<Pixel>();
+  const auto* pixels = frame.data<Pixel>();
   const auto cols = static_cast<std::size_t>(frame.cols);
   const auto rows = static_cast<std::size_t>(frame.rows);
   if (rows < 3 || cols < 3) return std::nan("");
