@@ -203,7 +203,9 @@ void SpotJudge::reject_clumps(const Centroids& centroids, float typical, SpotFit
   const float* xx = centroids.xx_px2.data();
   const float* yy = centroids.yy_px2.data();
   const auto is_clump = [&](std::size_t k) {
-    return has_spot(k) & (flux[k] > typical * flux_adu_[k]) & (xx[k] + yy[k] < narrowest_px2_);
+    const int bright = static_cast<int>(flux[k] > typical * flux_adu_[k]);
+    const int narrow = static_cast<int>(xx[k] + yy[k] < narrowest_px2_);
+    return (static_cast<int>(has_spot(k)) & bright & narrow) != 0;
   };
   int clumps = 0;
   for (std::size_t k = 0; k < spot_.size(); ++k) clumps += is_clump(k) ? 1 : 0;
@@ -259,7 +261,7 @@ bool SpotJudge::has_doubts(const Centroids& centroids, std::size_t first,
   int doubts = 0;
   for (std::size_t k = first; k < last; ++k) {
     const int has = (state[k] == kValidByte) | (state[k] == kFaintByte) | (state[k] == kAtEdgeByte);
-    doubts |= has & ((spot_[k] == kFarOff) | (seen_[k] <= 0));
+    doubts |= has & (static_cast<int>(spot_[k] == kFarOff) | static_cast<int>(seen_[k] <= 0));
   }
   return doubts != 0;
 }

@@ -45,7 +45,8 @@ class SpotJudge {
 
   /// Returns whether lenslet k's window held a spot near the model when it was looked at.
   bool has_spot(std::size_t k) const noexcept {
-    return (spot_[k] == kNearModel) | (spot_[k] == kWellFormed);
+    const std::uint8_t spot = spot_[k];
+    return (static_cast<int>(spot == kNearModel) | static_cast<int>(spot == kWellFormed)) != 0;
   }
 
   /// Marks the lenslets whose spot is lost, by what look_at() saw. A spot that is dim or as wide as

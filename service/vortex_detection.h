@@ -54,9 +54,9 @@ struct VortexDetectionWorkspace {
   std::optional<ClassifierWorkspace> classifier;
 };
 
-/// Finds the candidates of one frame and fills `candidates` anew. Never allocates. levels: those that
-/// the centroids were measured with, or null. slopes: must include weak ones (measure_weak_slopes);
-/// circulation: theirs.
+/// Finds the candidates of one frame and fills `candidates` anew. Never allocates. levels: those
+/// that the centroids were measured with, or null. slopes: must include weak ones
+/// (measure_weak_slopes); circulation: theirs.
 void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const FrameLevels* levels,
                        const Centroids& centroids, const SlopeField& slopes,
                        const CirculationMap& circulation, VortexDetectionWorkspace& workspace,

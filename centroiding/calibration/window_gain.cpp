@@ -223,8 +223,8 @@ WindowMeasurement measure_window(const Image<float>& light, const Image<std::uin
 
 WindowGain gain_of_picture(const Image<float>& light, const Window& window,
                            const SignalThreshold& threshold, const PictureNoise& noise) {
-  // Spots lie within half a pixel of their windows' middles, which follow them by whole pixels. Over
-  // this range a line and a cubic have the same mean slope as between these two points.
+  // Spots lie within half a pixel of their windows' middles, which follow them by whole pixels.
+  // Over this range a line and a cubic have the same mean slope as between these two points.
   constexpr double kShiftPx = 0.387;
   // The picture's own noise lifts pixels over the threshold as it is; what frames have beyond it
   // is averaged over.
