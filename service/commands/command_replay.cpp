@@ -273,8 +273,10 @@ std::vector<NamedConfig> configurations(const ReplayOptions& options, bool hidde
   std::vector<NamedConfig> configs{{{}, options.pipeline.configuration()}};
   if (!options.sweep.empty()) {
     configs = read_sweep(options.sweep, configs.front().config);
+    std::vector<std::string> inputs = options.recordings;
+    inputs.insert(inputs.end(), {options.sensor, options.pipeline.config, options.sweep});
     for (const NamedConfig& named : configs) {
-      check_output(sweep_output(options.out, named.name), options.recordings, options.existing);
+      check_output(sweep_output(options.out, named.name), inputs, options.existing);
       refuse_settings_without_effect(named.config);
     }
   }

@@ -311,6 +311,9 @@ class Sweep(Night):
         self.curlew(*replay, "--out", self.out, "--jsonl", "lines", fails="--sweep needs --out")
         self.curlew(*replay, "--out", self.out, "--shard", "1/2", fails="not --shard")
         self.assertEqual(sorted(self.folder.glob(f"{self.tag}*")), [])
+        shutil.copy(self.folder / "sensor.fits", self.folder / "own.b.fits")
+        self.curlew("replay", *self.names, "--sensor", "own.b.fits", "--sweep", "bad.toml", "--out", "own.fits",
+                    "--force", fails="own.b.fits is an input of this run")
         (self.folder / f"{self.tag}.b.fits").write_text("mine")
         self.curlew(*replay, "--out", self.out, fails="--force")
         self.assertEqual((self.folder / f"{self.tag}.b.fits").read_text(), "mine")
