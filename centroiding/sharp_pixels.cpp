@@ -210,13 +210,22 @@ bool assign(const SharpPixelPlan& plan, const CentroidPlan& centroid,
   return true;
 }
 
+/// Returns the sharpness of a Gaussian spot in the middle of a pixel, where it is greatest; NaN if
+/// σ is NaN.
+double sharpness_of_gaussian(double sigma_px) noexcept {
+  const auto light_within = [&](double px) { return std::erf(px / (std::sqrt(2.0) * sigma_px)); };
+  const double middle = light_within(0.5);
+  return 2.0 * middle / (light_within(1.5) - middle);
+}
+
 }  // namespace
 
 SharpPixelPlan::SharpPixelPlan(const Sensor& sensor, const FrameFormat& format)
     : grid(sensor.grid) {
   constexpr double kMargin = 1.4;
   constexpr double kUndersampled = 4.0;  // Sharper spots are as sharp as a cosmic ray.
-  const double allowed = kMargin * sensor.spot_sharpness;
+  const double allowed =
+      kMargin * std::fmax(sensor.spot_sharpness, sharpness_of_gaussian(sensor.spot_gaussian_px));
   sharpness = allowed > 1.0 && allowed <= kUndersampled ? static_cast<float>(allowed) : 0.0F;
   auto high_adu = static_cast<float>(sensor.background_adu);
   if (!sensor.dark_adu.empty()) {

@@ -53,6 +53,25 @@ TEST(SharpPixels, LightIsNone) {
   }
 }
 
+// The pitch is a whole number of pixels, so that all reference spots lie between four pixels.
+TEST(SharpPixels, LightIsNoneWhereTheReferenceSpotsLieBetweenPixels) {
+  constexpr BenchCase kFine{16, 16, 6};
+  Sensor sensor = tiled_sensor(kFine);
+  sensor.spot_sharpness = 1.0;
+  sensor.spot_gaussian_px = 1.0;
+  const BenchFrame frame = make_bench_frame(kFine, BenchSlopes::kRandom, kSeed);
+  const CentroidPlan plan(sensor, frame.format);
+  const LevelPlan level_plan(sensor, plan, {});
+  const SharpPixelPlan sharp_plan(sensor, frame.format);
+  FrameLevels levels(level_plan);
+  SharpPixels sharp(kFine.rows, kFine.cols);
+  measure_levels(level_plan, level_plan.pixels(), frame.view(), levels);
+  find_sharp_pixels(sharp_plan, plan, plan.spots, frame.view(), levels, sharp);
+  EXPECT_TRUE(sharp.pixels.empty());
+  // A Gaussian of σ = 1 px gives its middle pixel .383 of the light and the next .242.
+  EXPECT_NEAR(sharp_plan.sharpness, 1.4 * 0.3829 / 0.2417, 1e-3);
+}
+
 TEST(SharpPixels, HitLensletsAreWhereTheyWouldBeWithoutTheHit) {
   const BenchFrame clean = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
   const Measured before(clean);
