@@ -38,12 +38,12 @@ double r0_by_modes(const AirPlan& plan, const AirSums& sums) {
 double scintillation_of(const AirSums& sums) {
   double sum = 0.0;
   double lenslets = 0.0;
-  for (Eigen::Index k = 0; k < sums.flux.size(); ++k) {
-    const double n = sums.flux_count[k];
-    if (n < 2.0 || !(sums.flux[k] > 0.0)) continue;
-    const double mean = sums.flux[k] / n;
+  for (Eigen::Index k = 0; k < sums.light.size(); ++k) {
+    const double n = sums.light_count[k];
+    if (n < 2.0 || !(sums.light[k] > 0.0)) continue;
+    const double mean = sums.light[k] / n;
     const double variance =
-        (sums.flux_square[k] - n * mean * mean) / (n - 1.0) - sums.flux_noise[k] / n;
+        (sums.light_square[k] - n * mean * mean) / (n - 1.0) - sums.light_noise[k] / n;
     sum += variance / (mean * mean);
     lenslets += 1.0;
   }

@@ -37,7 +37,7 @@ AirFigures air_figures(const AirPlan& plan, const std::vector<AirSums>& blocks);
 /// Sums up frames in up to kMostBlocks blocks of equal length, however many frames there are.
 class AirWindow {
  public:
-  AirWindow(const AirPlan& plan, const FluxNoise& noise) : plan_(plan), collector_(plan, noise) {}
+  AirWindow(const AirPlan& plan, const LightNoise& noise) : plan_(plan), collector_(plan, noise) {}
 
   void add(const AirSample& sample);
   AirFigures figures() const { return air_figures(plan_, blocks_); }

@@ -14,8 +14,8 @@ void for_each_member(AirSums& a, const AirSums& b, Act&& act) {
   act(a.pair_square, b.pair_square), act(a.pair_noise, b.pair_noise), act(a.pairs, b.pairs);
   act(a.mode_square, b.mode_square), act(a.mode_noise, b.mode_noise);
   act(a.mode_frames, b.mode_frames);
-  act(a.flux, b.flux), act(a.flux_square, b.flux_square), act(a.flux_noise, b.flux_noise);
-  act(a.flux_count, b.flux_count);
+  act(a.light, b.light), act(a.light_square, b.light_square);
+  act(a.light_noise, b.light_noise), act(a.light_count, b.light_count);
   act(a.slope_x, b.slope_x), act(a.slope_y, b.slope_y), act(a.slope_count, b.slope_count);
   act(a.slope_square, b.slope_square);
   for (std::size_t i = 0; i < kLags.size(); ++i) {
@@ -45,7 +45,7 @@ AirSums::AirSums(const AirPlan& plan)
     : mode_square(Eigen::ArrayXd::Zero(plan.mode_count())), mode_noise(mode_square) {
   const auto size = static_cast<Eigen::Index>(plan.lit().size());
   for (Eigen::ArrayXd* map :
-       {&flux, &flux_square, &flux_noise, &flux_count, &slope_x, &slope_y, &slope_count})
+       {&light, &light_square, &light_noise, &light_count, &slope_x, &slope_y, &slope_count})
     map->setZero(size);
   for (std::size_t i = 0; i < kLags.size(); ++i) {
     products[i].setZero(kMoves, kMoves);
@@ -63,7 +63,7 @@ AirSums& AirSums::operator-=(const AirSums& less) {
   return *this;
 }
 
-AirCollector::AirCollector(const AirPlan& plan, const FluxNoise& noise)
+AirCollector::AirCollector(const AirPlan& plan, const LightNoise& noise)
     : plan_(plan), noise_(noise), fit_(plan.modes()), kept_(kKept) {
   const int rows = plan.lit().rows();
   const int cols = plan.lit().cols();
@@ -81,7 +81,7 @@ void AirCollector::add(const AirSample& sample, AirSums& sums) {
   newest_ = sample.sequence;
   add_pairs(sample.slopes, sums);
   add_modes(sample.slopes, sums);
-  add_flux(sample, sums);
+  add_light(sample, sums);
   keep(sample, sums);
   // One lag a frame is enough, because what neighbouring frames say is much the same.
   add_products(next_lag_, sums);
@@ -120,17 +120,20 @@ void AirCollector::add_modes(const SlopeField& slopes, AirSums& sums) {
 }
 
 /// A spot that has faded away counts as dark; one that cannot be measured does not count.
-void AirCollector::add_flux(const AirSample& sample, AirSums& sums) const {
+void AirCollector::add_light(const AirSample& sample, AirSums& sums) const {
   for (std::size_t k = 0; k < sample.state.size(); ++k) {
     const LensletState state = sample.state[k];
-    if (state != LensletState::kValid && state != LensletState::kFaint) continue;
+    if (state != LensletState::kValid && state != LensletState::kFaint &&
+        state != LensletState::kAtEdge)
+      continue;
     const auto i = static_cast<Eigen::Index>(k);
-    const auto flux = static_cast<double>(sample.flux_adu[k]);
-    sums.flux[i] += flux;
-    sums.flux_square[i] += flux * flux;
-    sums.flux_noise[i] +=
-        flux * noise_.per_flux + static_cast<double>(sample.area_px[k]) * noise_.per_pixel;
-    sums.flux_count[i] += 1.0;
+    const auto light = static_cast<double>(sample.light_adu[k]);
+    const auto area = static_cast<double>(sample.area_px[k]);
+    if (area == 0.0) continue;
+    sums.light[i] += light;
+    sums.light_square[i] += light * light;
+    sums.light_noise[i] += std::max(light, 0.0) * noise_.per_light + area * noise_.per_pixel;
+    sums.light_count[i] += 1.0;
   }
 }
 

@@ -36,8 +36,8 @@ struct AirSums {
   Eigen::ArrayXd mode_noise;
   std::int64_t mode_frames = 0;
   // By lenslet.
-  Eigen::ArrayXd flux, flux_square, flux_noise, flux_count;  ///< adu, adu², adu²
-  Eigen::ArrayXd slope_x, slope_y, slope_count;              ///< less the mean of the frame
+  Eigen::ArrayXd light, light_square, light_noise, light_count;  ///< adu, adu², adu²
+  Eigen::ArrayXd slope_x, slope_y, slope_count;                  ///< less the mean of the frame
   double slope_square = 0.0;  ///< of those slopes, less what noise explains
   /// Products of slopes with those that are moved, for each of kLags: [kMoves, kMoves].
   std::array<Eigen::ArrayXXd, kLags.size()> products;
@@ -52,7 +52,7 @@ struct AirSums {
 struct AirSample {
   AirSample(int rows, int cols, std::size_t vortex_capacity)
       : slopes(rows, cols),
-        flux_adu(rows, cols),
+        light_adu(rows, cols),
         area_px(rows, cols),
         state(rows, cols, LensletState::kUnlit),
         vortices(vortex_capacity) {}
@@ -60,22 +60,22 @@ struct AirSample {
   double time_s = 0.0;
   std::int64_t sequence = 0;
   SlopeField slopes;
-  Image<float> flux_adu;
-  Image<float> area_px;  ///< pixels that a spot takes
+  Image<float> light_adu;  ///< of the whole window, above the level
+  Image<float> area_px;    ///< pixels of the window; 0: its light is not known
   Image<LensletState> state;
   VortexList vortices;
 };
 
-/// Noise of the light in a spot: variance in adu² = flux·per_flux + area·per_pixel.
-struct FluxNoise {
-  double per_flux = 0.0;
+/// Noise of the light in a window: variance in adu² = light·per_light + area·per_pixel.
+struct LightNoise {
+  double per_light = 0.0;
   double per_pixel = 0.0;
 };
 
 /// Sums up frame after frame. It is no part of the frame path.
 class AirCollector {
  public:
-  AirCollector(const AirPlan& plan, const FluxNoise& noise);
+  AirCollector(const AirPlan& plan, const LightNoise& noise);
 
   /// Adds a frame to the sums; frames come in their order.
   void add(const AirSample& sample, AirSums& sums);
@@ -90,12 +90,12 @@ class AirCollector {
   void keep(const AirSample& sample, AirSums& sums);
   void add_pairs(const SlopeField& slopes, AirSums& sums) const;
   void add_modes(const SlopeField& slopes, AirSums& sums);
-  void add_flux(const AirSample& sample, AirSums& sums) const;
+  void add_light(const AirSample& sample, AirSums& sums) const;
   void add_products(std::size_t lag, AirSums& sums) const;
   const Kept* kept(std::int64_t sequence) const;
 
   const AirPlan& plan_;
-  FluxNoise noise_;
+  LightNoise noise_;
   ModeFit fit_;
   std::vector<Kept> kept_;  ///< a ring, by sequence
   std::int64_t newest_ = -1;

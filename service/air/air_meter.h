@@ -13,8 +13,9 @@ namespace curlew {
 
 struct AirReport {
   AirFigures figures;
-  std::string without_r0;  ///< why r0 and the coherence time are not told; empty: they are
-  double pitch_m = 0.0;    ///< 0: not known
+  /// Why r0 and the coherence time are not told, or r0_zernike alone; empty: they are.
+  std::string without_r0;
+  double pitch_m = 0.0;  ///< 0: not known
   std::int64_t first_frame = 0;
   std::int64_t last_frame = 0;
 };
@@ -32,6 +33,10 @@ std::vector<AirEntry> entries_of(const AirReport& report);
 /// path of unknown length takes some away. fresnel_pitches: see AirOptions; 0: the air is near.
 std::string doubt_of_r0(const AirFigure& scintillation, double fresnel_pitches);
 
+/// Returns why modes do not tell r0 where diffraction reaches that far over an array of so many
+/// lenslets; empty if they do.
+std::string doubt_of_modes(double fresnel_pitches, int lenslets);
+
 /// Returns a few lines for people; figures that are not known are left out.
 std::string air_text(const AirReport& report);
 
@@ -41,7 +46,7 @@ class AirMeter {
   AirMeter(const Plan& plan, const AirOptions& options);
 
   AirSample make_sample() const;
-  /// Copies what counts of the slot. Never allocates.
+  /// Copies what counts of the slot, and sums up the light of its frame. Never allocates.
   static void fill(const FrameSlot& slot, AirSample& sample) noexcept;
 
   /// Returns the report of a window that is complete without this frame, which begins the next.

@@ -180,7 +180,7 @@ TEST(AirFigure, ScintillationIsLessNoise) {
       sample.state[k] = LensletState::kValid;
       sample.area_px[k] = 10.0F;
       const double mean = (1.0 + static_cast<double>(k)) * light(random);  // lit unevenly
-      sample.flux_adu[k] = static_cast<float>(mean + std::sqrt(0.5 * mean + 20.0) * noise(random));
+      sample.light_adu[k] = static_cast<float>(mean + std::sqrt(0.5 * mean + 20.0) * noise(random));
     }
     window.add(sample);
   }

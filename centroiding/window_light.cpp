@@ -1,0 +1,77 @@
+#include "centroiding/window_light.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+#include "centroiding/centroid.h"
+#include "centroiding/frame_level.h"
+
+namespace curlew {
+namespace {
+
+struct WindowSum {
+  double counts = 0.0;  ///< above the calibration's dark
+  double good_px = 0.0;
+  double area_px = 0.0;
+};
+
+template <typename Pixel>
+WindowSum sum_window(const CentroidPlan& plan, FrameView frame, const WindowSpot& spot, int moved_x,
+                     int moved_y) {
+  const int first_x = std::clamp(spot.x0 + moved_x, 0, frame.cols);
+  const int first_y = std::clamp(spot.y0 + moved_y, 0, frame.rows);
+  const int end_x = std::clamp(spot.x0 + moved_x + spot.w, first_x, frame.cols);
+  const int end_y = std::clamp(spot.y0 + moved_y + spot.h, first_y, frame.rows);
+  WindowSum sum;
+  sum.area_px = static_cast<double>(end_x - first_x) * (end_y - first_y);
+  const bool maps = plan.gain.size() > 0;
+  for (int y = first_y; y < end_y; ++y) {
+    const auto row = static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.cols);
+    float counts = 0.0F;
+    float good = 0.0F;
+    for (int x = first_x; x < end_x; ++x) {
+      const std::size_t at = row + static_cast<std::size_t>(x);
+      const float gain = maps ? plan.gain[at] : 1.0F;
+      if (gain == 0.0F) continue;
+      const float offset = maps ? plan.offset[at] : plan.uniform_offset;
+      counts += gain * static_cast<float>(frame.data<Pixel>()[at]) - offset;
+      good += 1.0F;
+    }
+    sum.counts += static_cast<double>(counts) + static_cast<double>(good * plan.threshold);
+    sum.good_px += static_cast<double>(good);
+  }
+  return sum;
+}
+
+}  // namespace
+
+void sum_window_light(const CentroidPlan& plan, FrameView frame, const Centroids& centroids,
+                      const FrameLevels* levels, Image<float>& light_adu,
+                      Image<float>& area_px) noexcept {
+  const double adu_per_count = static_cast<double>(plan.adu_per_count);
+  const double threshold = static_cast<double>(levels ? levels->threshold : plan.threshold);
+  for (std::size_t k = 0; k < plan.spots.size(); ++k) {
+    light_adu[k] = area_px[k] = 0.0F;
+    const WindowSpot& spot = plan.spots[k];
+    if (spot.state != LensletState::kValid) continue;
+    const auto moved_x = static_cast<int>(centroids.moved_x_px[k]);
+    const auto moved_y = static_cast<int>(centroids.moved_y_px[k]);
+    const WindowSum sum = frame.pixel_type == PixelType::kU8
+                              ? sum_window<std::uint8_t>(plan, frame, spot, moved_x, moved_y)
+                              : sum_window<std::uint16_t>(plan, frame, spot, moved_x, moved_y);
+    if (sum.good_px == 0.0) continue;
+    const double level = levels ? static_cast<double>(levels->level[k]) : 0.0;
+    const double counts = sum.counts - sum.good_px * level;
+    // What is above the threshold is the flux, so that the rest is no more than this a pixel. The
+    // reckoning of both is rounded.
+    const double flux = static_cast<double>(centroids.flux_adu[k]) / adu_per_count;
+    const double most = 1.001 * (flux + sum.good_px * threshold) + 1.0;
+    if (plan.relative_threshold == 0.0F && counts > most) continue;
+    light_adu[k] = static_cast<float>(counts * sum.area_px / sum.good_px * adu_per_count);
+    area_px[k] = static_cast<float>(sum.area_px);
+  }
+}
+
+}  // namespace curlew
