@@ -17,6 +17,29 @@ struct WindowSum {
   double area_px = 0.0;
 };
 
+/// Adds the `n` pixels of a row that begins at `first`.
+template <typename Pixel>
+void add_row(const CentroidPlan& plan, const Pixel* pixels, std::size_t first, std::size_t n,
+             WindowSum& sum) {
+  const auto size = static_cast<double>(n);
+  if (plan.gain.empty()) {
+    std::uint32_t counts = 0;
+    for (std::size_t i = first; i < first + n; ++i) counts += pixels[i];
+    sum.counts += static_cast<double>(counts) - size * static_cast<double>(plan.uniform_offset);
+    sum.good_px += size;
+  } else {
+    float counts = 0.0F;
+    float good = 0.0F;
+    for (std::size_t i = first; i < first + n; ++i) {
+      const bool is_good = plan.gain[i] > 0.0F;
+      counts += is_good ? plan.gain[i] * static_cast<float>(pixels[i]) - plan.offset[i] : 0.0F;
+      good += is_good ? 1.0F : 0.0F;
+    }
+    sum.counts += static_cast<double>(counts);
+    sum.good_px += static_cast<double>(good);
+  }
+}
+
 template <typename Pixel>
 WindowSum sum_window(const CentroidPlan& plan, FrameView frame, const WindowSpot& spot, int moved_x,
                      int moved_y) {
@@ -26,22 +49,12 @@ WindowSum sum_window(const CentroidPlan& plan, FrameView frame, const WindowSpot
   const int end_y = std::clamp(spot.y0 + moved_y + spot.h, first_y, frame.rows);
   WindowSum sum;
   sum.area_px = static_cast<double>(end_x - first_x) * (end_y - first_y);
-  const bool maps = plan.gain.size() > 0;
-  for (int y = first_y; y < end_y; ++y) {
-    const auto row = static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.cols);
-    float counts = 0.0F;
-    float good = 0.0F;
-    for (int x = first_x; x < end_x; ++x) {
-      const std::size_t at = row + static_cast<std::size_t>(x);
-      const float gain = maps ? plan.gain[at] : 1.0F;
-      if (gain == 0.0F) continue;
-      const float offset = maps ? plan.offset[at] : plan.uniform_offset;
-      counts += gain * static_cast<float>(frame.data<Pixel>()[at]) - offset;
-      good += 1.0F;
-    }
-    sum.counts += static_cast<double>(counts) + static_cast<double>(good * plan.threshold);
-    sum.good_px += static_cast<double>(good);
-  }
+  for (int y = first_y; y < end_y; ++y)
+    add_row(plan, frame.data<Pixel>(),
+            static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.cols) +
+                static_cast<std::size_t>(first_x),
+            static_cast<std::size_t>(end_x - first_x), sum);
+  sum.counts += sum.good_px * static_cast<double>(plan.threshold);  // the offsets hold it, too
   return sum;
 }
 
