@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "service/program/version.h"
+#include "service/results/beam_json.h"
 #include "service/results/json_line.h"
 #include "service/results/mode_results.h"
 #include "service/results/wavefront_figures.h"
@@ -95,7 +96,7 @@ Json zernike_of(const ModePlan& modes, ModeFit& fit, const SlopeField& slopes) {
   return list;
 }
 
-Json figures_of(const FrameCopy& copy) {
+Json figures_of(const FrameCopy& copy, double pitch_m) {
   const WavefrontFigures figures = measure_wavefront(copy.map(PageMap::kPhase), copy.slopes.valid);
   double sum = 0.0;
   double squares = 0.0;
@@ -111,6 +112,7 @@ Json figures_of(const FrameCopy& copy) {
           {"strehl", known(figures.strehl())},
           {"flux_adu", known(sum)},
           {"scintillation", known(squares * count / (sum * sum) - 1.0)},
+          {"beam", beam_json(measure_beam(copy.map(PageMap::kFlux), copy.state), pitch_m)},
           {"level_adu", known(copy.level_adu)},
           {"noise_adu", known(copy.noise_adu)},
           {"n_saturated", copy.n_saturated},
@@ -169,8 +171,9 @@ PageMessage PagePlan::frame(const FrameCopy& copy, const std::string& tail) {
   append_json_line(copy.result, json);
   json.pop_back();  // the line feed
   json += R"(,"scale_adu":)" + Json(copy.format.scale_adu).dump() + R"(,"zero_adu":)" +
-          Json(copy.format.zero_adu).dump() + R"(,"figures":)" + figures_of(copy).dump() +
-          R"(,"zernike":)" + zernike_of(modes_, fit_, copy.slopes).dump() + tail;
+          Json(copy.format.zero_adu).dump() + R"(,"figures":)" +
+          figures_of(copy, plan_->optics.pitch_m).dump() + R"(,"zernike":)" +
+          zernike_of(modes_, fit_, copy.slopes).dump() + tail;
   Arrays arrays;
   const FrameFormat& format = copy.format;
   arrays.add("pixels", format.pixel_type == PixelType::kU8 ? "u8" : "u16", format.rows, format.cols,

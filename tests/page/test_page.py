@@ -203,6 +203,56 @@ class Live(Page):
         self.assertEqual(served.close(), 0)
 
 
+    def test_a_reference_is_taken_in_place_and_a_lit_dark_is_refused(self):
+        (self.folder / "place").mkdir()
+        (self.folder / "place.toml").write_text(
+            '[page]\nlisten = "127.0.0.1:0"\ncontrol = true\n[camera]\nframe_rate_hz = 200\n'
+            '[recorder]\nfolder = "place"\n')
+        served = Served(self.folder, "run", "--camera", "sim:plane", "--config", "place.toml",
+                        says="state=streaming")
+        browser = self.browser
+        browser.open(served.url)
+        browser.wait("curlew?.scene.sensor && !document.getElementById('control').hidden")
+        self.assertRegex(browser.text("camera-table"), r"beam atcol 7\.\d+, row 7\.\d+beam D4σ18\.\d+ × 18\.\d+ lenslets")
+        sensor = browser.run("curlew.scene.sensor.sensor_hash")
+        says = "document.getElementById('control-calibration').textContent.includes('{}')".format
+        browser.run("document.getElementById('control-frames').value = 20")
+        browser.run("document.getElementById('control-take_dark').click()")
+        browser.wait(says("the old sensor stays: the stack is not dark"))
+        self.assertEqual(os.listdir(self.folder / "place"), [])
+        self.assertEqual(browser.run("curlew.scene.sensor.sensor_hash"), sensor)
+        browser.run("document.getElementById('control-take_reference').click()")
+        browser.wait(says("is in use until curlew ends or reloads"))
+        made = os.listdir(self.folder / "place")
+        self.assertEqual([(n[:7], n[-5:]) for n in made], [("sensor-", ".fits")])
+        browser.wait(f"curlew.scene.sensor.sensor_hash !== '{sensor}'")
+        browser.wait("curlew.scene.frame.result.n_valid === 256")
+        for change, why in [({"do": "take_dark", "frames": 0}, "from 1 to 10000"),
+                            ({"do": "take_dark", "frames": "x"}, "a whole number")]:
+            status, answer = served.post("/control", json.dumps(change))
+            self.assertEqual((status, why in answer), (400, True), answer)
+        self.assertRegex(served.text(), r"page: 127\.0\.0\.1 port \d+ had a reference taken: 20 of the \d+ frames")
+        self.assertEqual(served.close(), 0)
+
+    def test_the_air_is_charted(self):
+        (self.folder / "air.toml").write_text(
+            '[page]\nlisten = "127.0.0.1:0"\n[camera]\nframe_rate_hz = 200\n')
+        served = Served(self.folder, "run", "--camera", "sim:plane", "--config", "air.toml", "--air", "0.5",
+                        says="state=streaming")
+        browser = self.browser
+        browser.open(served.url)
+        browser.wait("curlew?.air.length >= 3 && !document.getElementById('time-r0').hidden")
+        browser.wait("document.getElementById('air-hint').textContent.startsWith('The air in windows of 0.5 s')")
+        windows = browser.run("curlew.air.map((air) => air.last_frame)")
+        self.assertEqual(windows, sorted(set(windows)))
+        drawn = """(() => {
+            const canvas = document.getElementById('time-air');
+            const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+            return data.some((v, i) => i % 4 === 1 && v === 158 && data[i - 1] === 0); })()"""
+        browser.wait(drawn)
+        self.assertEqual(served.close(), 0)
+
+
 class Replay(Page):
     """A recording with vortices, and a sensor with one spot that moves by +1 px in x in frame 1."""
 

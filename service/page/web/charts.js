@@ -42,7 +42,10 @@ export function drawLines(canvas, series, unit, x, isSigned = false) {
     values.forEach((v, i) => {
       if (!Number.isFinite(v)) drawing = false;
       else if (drawing) context.lineTo(kLeft + 2 + i * step, at(v));
-      else context.moveTo(kLeft + 2 + i * step, at(v));
+      else {
+        context.moveTo(kLeft + 2 + i * step, at(v));
+        context.lineTo(kLeft + 3.5 + i * step, at(v));  // so that one that stands alone is seen
+      }
       drawing = Number.isFinite(v);
     });
     context.lineWidth = 1.5;

@@ -39,9 +39,12 @@ export class ControlPanel {
       row.insertCell().append(input);
       this.inputs.set(name, {input, toml: ''});
     }
-    for (const act of ['record', 'pause_recording', 'trigger', 'expose'])
+    this.frames = document.getElementById('control-frames');
+    for (const act of ['record', 'pause_recording', 'trigger', 'expose', 'take_dark', 'take_reference']) {
+      const frames = () => (act.startsWith('take') ? {frames: Number(this.frames.value)} : {});
       document.getElementById(`control-${act}`).addEventListener('click',
-        () => this.ask({do: act}, act.replace('_', ' ')));
+        () => this.ask({do: act, ...frames()}, act.replace('_', ' ')));
+    }
   }
 
   // Shows the values of a configuration, except where the user is writing.

@@ -22,6 +22,7 @@ class Page {
       this.panels.push(new LensletPanel(this.scene, kind, this.camera));
     this.lenslets = new LensletHistory();
     this.history = [];
+    this.air = [];
     this.playing = true;
     this.position = 0;
     this.frames = 0;
@@ -180,6 +181,29 @@ class Page {
     line('time-rms', 'wavefront rms', '#0072b2', 'rad', 'rms');
     line('time-scintillation', 'scintillation', '#009e73', '⟨F²⟩/⟨F⟩² − 1', 'scintillation');
     line('time-lenslets', 'lenslets lost', '#cc79a7', '', 'lost');
+    this.drawAir();
+  }
+
+  // A window of the air that the daemon has measured, once.
+  rememberAir(air) {
+    if (air.last_frame === this.air.at(-1)?.last_frame) return;
+    this.air.push(air);
+    if (this.air.length > kHistory) this.air.shift();
+  }
+  drawAir() {
+    const windows = this.air.map((air) => air.last_frame);
+    for (const id of ['time-r0', 'time-air']) byId(id).hidden = windows.length === 0;
+    byId('air-hint').hidden = windows.length === 0;
+    if (windows.length === 0) return;
+    const of = (key, factor = 1) => this.air.map((air) => (air[key]?.value ?? NaN) * factor);
+    const inMm = Number.isFinite(this.scene.sensor.optics.pitch_um);
+    drawLines(byId('time-r0'), [{name: 'r0', colour: '#0072b2',
+      values: inMm ? of('r0_m', 1000) : of('r0_pitches')}], inMm ? 'mm' : 'pitches', windows);
+    drawLines(byId('time-air'), [{name: 'scintillation index', colour: '#009e73',
+      values: of('scintillation_index')}], '⟨I²⟩/⟨I⟩² − 1 in time', windows);
+    const {frames, seconds, without_r0: without, r0_m: r0} = this.air.at(-1);
+    byId('air-hint').textContent = `The air in windows of ${seconds.toFixed(1)} s; the last has ${frames} frames`
+      + (without ? `. ${without}` : r0?.value ? `, r0 ${short(1000 * r0.value)} ± ${short(1000 * r0.error)} mm` : '');
   }
 
   drawLenslet() {
@@ -210,7 +234,7 @@ class Page {
     [`of ${this.latency?.frames ?? 0} frames`, '', '', '', '']], true);
     const frameRows = [['lenslets with a slope', result.n_valid], ['lenslets lost', result.n_lost],
       ['lenslets saturated', figures.n_saturated], ['level', `${short(figures.level_adu)} ADU`],
-      ['noise', `${short(figures.noise_adu)} ADU rms`], ['light', `${short(figures.flux_adu)} ADU`],
+      ['noise', `${short(figures.noise_adu)} ADU rms`], ...beamRows(figures.beam), ['light', `${short(figures.flux_adu)} ADU`],
       ['sequence', result.sequence], ['frames dropped', result.dropped]];
     fillTable('camera-table', [...this.cameraRows(), ...frameRows]);
   }
@@ -248,6 +272,10 @@ class Page {
   showStatus(status) {
     if (!status) return;
     this.daemon = status;
+    byId('warning').textContent = status.beam?.warning ?? '';
+    byId('warning').hidden = !status.beam?.warning;
+    byId('control-calibration').textContent = status.calibration ?? '';
+    if (status.air) this.rememberAir(status.air);
     this.setState(status.state, status.state === 'streaming', status.reason);
     byId('rate').textContent = `${status.frames_per_s.toFixed(0)} frames/s`;
     if (this.scene.frame) this.drawTables();
@@ -315,6 +343,15 @@ class Page {
     root.dataset.theme = dark ? 'dark' : 'light';
     this.redraw();
   }
+}
+
+function beamRows(beam) {
+  if (beam.without) return [['beam', beam.without]];
+  const mm = beam.d4sigma_x_mm === null ? ''
+    : `, ${short(beam.d4sigma_x_mm)} × ${short(beam.d4sigma_y_mm)} mm`;
+  return [['beam at', `col ${beam.x.toFixed(2)}, row ${beam.y.toFixed(2)}`],
+    ['beam D4σ', `${beam.d4sigma_x.toFixed(2)} × ${beam.d4sigma_y.toFixed(2)} lenslets${mm}`],
+    ['light at the rim', `${(100 * beam.rim).toFixed(1)} %`]];
 }
 
 // rows: [[name, value …]]; heads: whether the first row is one of headings.

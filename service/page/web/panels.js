@@ -1,7 +1,7 @@
 // The panels with maps: the detector, and the maps of lenslets and cells.
 import { kRamps, themeColour } from './colours.js';
 import { MapView, short } from './canvas.js';
-import { ArrayPicture, drawArrows, drawSpots, drawTracks, drawVortices, drawWindows,
+import { ArrayPicture, drawArrows, drawBeam, drawSpots, drawTracks, drawVortices, drawWindows,
   pixelFromLenslet, quantiles, slopeArrows } from './maps.js';
 import { lensletFacts, nmOf, signed } from './lenslet.js';
 import { saveFits, savePng } from './files.js';
@@ -213,6 +213,7 @@ export class LensletPanel extends MapPanel {
     this.picture.draw(context, moved, this.map(), table, (v) => (v - low) / (high - low),
       (k) => this.counts(k));
     if (this.on.arrows) drawArrows(context, view, slopeArrows(frame), 1, '#f0e442');
+    if (this.on.beam) drawBeam(context, view, frame.figures.beam);
     const place = (x, y) => [x, y];
     if (this.on.vortices) {
       drawVortices(context, view, frame.result.vortices, place, 1);
@@ -258,5 +259,5 @@ export const kLensletMaps = [
   {id: 'circulation', title: 'Circulation', map: 'circulation_rad', counts: 'circulation_valid',
     signed: true, unit: 'rad', cells: true, choices: [kVortices]},
   {id: 'flux', title: 'Flux', map: 'flux_adu', counts: 'lit', signed: false, unit: 'ADU',
-    choices: [['vortices', 'vortices', false]]},
+    choices: [['beam', 'beam', true], ['vortices', 'vortices', false]]},
 ];
