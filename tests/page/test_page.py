@@ -185,6 +185,12 @@ class Live(Page):
             input.dispatchEvent(new Event('change')); })()""")
         browser.wait("curlew.scene.sensor.configuration.includes('threshold_noise = 6.5')")
         browser.wait("document.getElementById('control-answer').textContent.endsWith('done')")
+        browser.run("""(() => {
+            const input = curlew.control.inputs.get('detect.method').input;
+            if (input.value !== 'auto') throw new Error(input.value);
+            input.value = 'circulation';
+            input.dispatchEvent(new Event('change')); })()""")
+        browser.wait("curlew.scene.sensor.method === 'circulation'")
         for change, why in [({"set": "centroid.threshold_noise", "value": -1}, "must be a number from 0"),
                             ({"set": "daemon.jsonl", "value": "/tmp/x"}, "may not change"),
                             ({"set": "detect.method", "value": "magic"}, "must be one of"),
@@ -353,7 +359,7 @@ class Replay(Page):
         browser.wait("!curlew.playing")
 
     def test_the_report_opens_without_a_network_and_tells_the_same(self):
-        run(self.folder, "replay", "beam.fits", "--sensor", "sensor.fits", "--out", "r.fits", "--save",
+        run(self.folder, "replay", "beam.fits", "--sensor", "sensor.fits", "--track", "--out", "r.fits", "--save",
             "flux,phase,whole_phase,circulation", "--jsonl", "r.jsonl", "--report", "report.html")
         report = self.folder / "report.html"
         self.assertLess(report.stat().st_size, 20e6)
@@ -379,6 +385,14 @@ class Replay(Page):
                     np.testing.assert_array_equal(
                         np.nan_to_num(np.array(values, "f4")),
                         np.nan_to_num(results[name].data[n]).ravel(), name)
+            points = browser.run("curlew.status.points")
+            self.assertEqual([(p["frame"], p["vortices"], p["lost"]) for p in points],
+                             [(l["frame"], len(l["vortices"]), l["n_lost"]) for l in lines])
+            self.assertEqual([p["tracks"] for p in points],
+                             [[[v["track"], v["charge"], v["x"], v["y"]] for v in l["vortices"] if v["track"] >= 0]
+                              for l in lines])
+            self.assertTrue(points[-1]["tracks"])
+            self.assertFalse(browser.run("document.getElementById('time-track-x').hidden"))
             total = np.sort(results["LATENCY"].data["TOTAL"])
             self.assertIn(f"{total[-1]:.1f}", browser.text("latency-table"))
             self.assertEqual({u.split(":")[0] for u in browser.urls} - {"blob", "data"}, {"file"})

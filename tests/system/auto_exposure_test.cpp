@@ -71,18 +71,19 @@ TEST_F(AutoExposureOverGige, SetsTheExposureTimeOfAGenicamCamera) {
   run("simulate --preset plane " + size + "--frames 20 --out ref.fits");
   run("calibrate ref.fits --out sensor.fits");
   const auto server = serve({"--rate", "100", "--exposure-us", "10000"}, "ref.fits");
-  for (const std::string exposure_us : {"300", "300000"}) {
+  for (const std::string exposure_us : {"100", "90000"}) {
     write_bytes(scratch_ / "c.toml",
                 "[camera]\nsource = \"aravis:Aravis-Fake-CURLEW\"\nauto_exposure = true\n"
                 "exposure_us = " +
                     exposure_us + "\n[daemon]\nsensor = \"" + (scratch_ / "sensor.fits") + "\"\n");
     std::filesystem::remove(scratch_ / "lines.jsonl");
     const ProgramRun ran =
-        run_curlew(scratch_, "run --config c.toml --jsonl lines.jsonl --seconds 6");
+        run_curlew(scratch_, "run --config c.toml --jsonl lines.jsonl --seconds " +
+                                 std::string(kSanitized ? "6" : "3"));
     ASSERT_EQ(ran.exit_code, 0) << ran.err;
     const std::vector<nlohmann::json> lines = json_lines(scratch_ / "lines.jsonl");
     ASSERT_FALSE(lines.empty()) << ran.err;
-    EXPECT_EQ(lines.front()["n_valid"], 0) << exposure_us << ": it must begin wrong";
+    EXPECT_NE(ran.err.find(" us instead of " + exposure_us), std::string::npos) << ran.err;
     EXPECT_EQ(lines.back()["n_valid"], 144) << ran.err;
     EXPECT_GE(count_of(ran.err, "us instead of"), 1) << ran.err;
     EXPECT_LE(count_of(ran.err, "us instead of"), 6) << ran.err;

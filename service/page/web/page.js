@@ -3,7 +3,7 @@ import { kStates } from './colours.js';
 import { short } from './canvas.js';
 import { HttpSource, ReportSource } from './sources.js';
 import { LensletHistory, drawLensletWindow, lensletFacts, nmOf, signed } from './lenslet.js';
-import { drawHistogram, drawLines, drawZernike } from './charts.js';
+import { drawHistogram, drawLines, drawTrackLines, drawZernike } from './charts.js';
 import { ControlPanel } from './control.js';
 import { kLensletMaps, LensletPanel, Scene, SpotsPanel } from './panels.js';
 
@@ -149,7 +149,8 @@ class Page {
       tails.clear();
     }
     this.history.push({frame: result.frame, vortices: result.vortices.length, rms: figures.rms_rad,
-      scintillation: figures.scintillation, lost: result.n_lost, valid: result.n_valid});
+      scintillation: figures.scintillation, lost: result.n_lost,
+      tracks: result.vortices.filter((v) => v.track >= 0).map((v) => [v.track, v.charge, v.x, v.y])});
     if (this.history.length > kHistory) this.history.shift();
     this.lenslets.add(frame);
     const seen = new Set();
@@ -174,14 +175,28 @@ class Page {
     this.drawTables();
     this.zernike = drawZernike(byId('zernike'), frame.zernike);
     if (this.latency?.total) this.histogram = drawHistogram(byId('histogram'), this.latency.total);
-    const numbers = this.history.map((h) => h.frame);
+    this.drawTime();
+    this.drawAir();
+  }
+
+  // Over time: all frames of a replay, once they are there; else those that were shown.
+  drawTime() {
+    const points = this.status.points ?? this.history;
+    const {frame, sensor} = this.scene;
+    const numbers = points.map((h) => h.frame);
+    const now = this.status.points ? numbers.indexOf(frame.result.frame) : null;
     const line = (id, name, colour, unit, key) => drawLines(byId(id),
-      [{name, colour, values: this.history.map((h) => h[key] ?? NaN)}], unit, numbers);
+      [{name, colour, values: points.map((h) => h[key] ?? NaN)}], unit, numbers, false, now);
     line('time-vortices', 'vortices', '#d55e00', '', 'vortices');
     line('time-rms', 'wavefront rms', '#0072b2', 'rad', 'rms');
     line('time-scintillation', 'scintillation', '#009e73', '⟨F²⟩/⟨F⟩² − 1', 'scintillation');
     line('time-lenslets', 'lenslets lost', '#cc79a7', '', 'lost');
-    this.drawAir();
+    const none = !points.some((point) => point.tracks.length > 0);
+    for (const [id, which, unit, most] of [['time-track-x', 2, 'col of tracks', sensor.cols],
+      ['time-track-y', 3, 'row of tracks; dashed: −', sensor.rows]]) {
+      byId(id).hidden = none;
+      if (!none) drawTrackLines(byId(id), points, which, unit, most, now);
+    }
   }
 
   // A window of the air that the daemon has measured, once.
@@ -231,7 +246,7 @@ class Page {
     const stages = this.latency?.stages ?? [];
     fillTable('latency-table', [['µs', 'p50', 'p90', 'p99', 'max'], ...stages.map(
       (s) => [s.name, ...[s.p50_us, s.p90_us, s.p99_us, s.max_us].map((v) => v.toFixed(1))]),
-    [`of ${this.latency?.frames ?? 0} frames`, '', '', '', '']], true);
+    [`of ${this.latency?.frames ?? 0} frames`]], true);
     const frameRows = [['lenslets with a slope', result.n_valid], ['lenslets lost', result.n_lost],
       ['lenslets saturated', figures.n_saturated], ['level', `${short(figures.level_adu)} ADU`],
       ['noise', `${short(figures.noise_adu)} ADU rms`], ...beamRows(figures.beam), ['light', `${short(figures.flux_adu)} ADU`],
@@ -347,10 +362,10 @@ class Page {
 
 function beamRows(beam) {
   if (beam.without) return [['beam', beam.without]];
-  const mm = beam.d4sigma_x_mm === null ? ''
-    : `, ${short(beam.d4sigma_x_mm)} × ${short(beam.d4sigma_y_mm)} mm`;
-  return [['beam at', `col ${beam.x.toFixed(2)}, row ${beam.y.toFixed(2)}`],
-    ['beam D4σ', `${beam.d4sigma_x.toFixed(2)} × ${beam.d4sigma_y.toFixed(2)} lenslets${mm}`],
+  const size = [['beam D4σ', `${beam.d4sigma_x.toFixed(2)} × ${beam.d4sigma_y.toFixed(2)} lenslets`]];
+  if (beam.d4sigma_x_mm !== null)
+    size.push(['on the array', `${short(beam.d4sigma_x_mm)} × ${short(beam.d4sigma_y_mm)} mm`]);
+  return [['beam at', `col ${beam.x.toFixed(2)}, row ${beam.y.toFixed(2)}`], ...size,
     ['light at the rim', `${(100 * beam.rim).toFixed(1)} %`]];
 }
 
@@ -364,6 +379,7 @@ function fillTable(id, rows, heads = false) {
       cell.textContent = text;
       line.append(cell);
     }
+    if (row.length < rows[0].length) line.lastChild.colSpan = 1 + rows[0].length - row.length;
   });
   byId(id).replaceChildren(body);
 }
