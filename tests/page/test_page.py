@@ -219,6 +219,8 @@ class Live(Page):
         browser = self.browser
         browser.open(served.url)
         browser.wait("curlew?.scene.sensor && !document.getElementById('control').hidden")
+        browser.wait("document.getElementById('warning').hidden")
+        self.assertIn("Set hidden_phase = true", browser.text("whole"))
         self.assertRegex(browser.text("camera-table"), r"beam atcol 7\.\d+, row 7\.\d+beam D4σ18\.\d+ × 18\.\d+ lenslets")
         sensor = browser.run("curlew.scene.sensor.sensor_hash")
         says = "document.getElementById('control-calibration').textContent.includes('{}')".format

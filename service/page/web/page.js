@@ -169,7 +169,6 @@ class Page {
     const {frame} = this.scene;
     if (!frame) return;
     byId('frame-number').textContent = frame.result.frame;
-    byId('whole').hidden = !frame.maps.whole_phase_rad;
     for (const panel of this.panels) panel.show();
     this.drawLenslet();
     this.drawTables();
@@ -287,8 +286,10 @@ class Page {
   showStatus(status) {
     if (!status) return;
     this.daemon = status;
-    byId('warning').textContent = status.beam?.warning ?? '';
-    byId('warning').hidden = !status.beam?.warning;
+    const warning = this.scene.frame ? status.beam?.warning
+      : `There is no frame yet: ${status.state}${status.reason ? `, ${status.reason}` : ''}`;
+    byId('warning').textContent = warning ?? '';
+    byId('warning').hidden = !warning;
     byId('control-calibration').textContent = status.calibration ?? '';
     if (status.air) this.rememberAir(status.air);
     this.setState(status.state, status.state === 'streaming', status.reason);

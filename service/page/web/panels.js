@@ -184,6 +184,13 @@ export class LensletPanel extends MapPanel {
       () => this.map() && {cols: scene.sensor.cols, rows: scene.sensor.rows}, ['col', 'row'],
       (x, y) => [x, y], {bar: () => this.bar()}), camera);
     this.shift = shift;
+    this.missing = element('p', {class: 'hint'}, kind.missing ?? '');
+    this.missing.hidden = true;
+    this.canvas.before(this.missing);
+  }
+  show() {
+    this.missing.hidden = !this.kind.missing || Boolean(this.map());
+    super.show();
   }
   map() { return this.scene.frame?.maps[this.kind.map]; }
   counts(k) {
@@ -255,7 +262,8 @@ export const kLensletMaps = [
   {id: 'phase', title: 'Phase', map: 'phase_rad', counts: 'slope_valid', signed: true, unit: 'rad',
     nm: true, choices: [['arrows', 'slopes', false]]},
   {id: 'whole', title: 'Whole phase', map: 'whole_phase_rad', counts: 'slope_valid', signed: true,
-    unit: 'rad', nm: true, choices: [kVortices]},
+    unit: 'rad', nm: true, choices: [kVortices],
+    missing: 'Set hidden_phase = true in section [split] to see the phase with what vortices add.'},
   {id: 'circulation', title: 'Circulation', map: 'circulation_rad', counts: 'circulation_valid',
     signed: true, unit: 'rad', cells: true, choices: [kVortices]},
   {id: 'flux', title: 'Flux', map: 'flux_adu', counts: 'lit', signed: false, unit: 'ADU',
