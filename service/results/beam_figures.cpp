@@ -11,34 +11,60 @@ namespace {
 
 constexpr double kContour = 0.1353352832366127;  // e⁻²
 
-/// Returns 1 where a lit lenslet is the first or the last one of its row or of its column: a bit
-/// for each edge.
-Image<std::uint8_t> rims_of(const Image<std::uint8_t>& lit) {
-  const auto bit = [](BeamEdge edge) {
-    return static_cast<std::uint8_t>(1U << static_cast<unsigned>(edge));
-  };
-  Image<std::uint8_t> rims(lit.rows(), lit.cols());
-  const auto mark = [&](int outer, int inner, auto&& at, BeamEdge first, BeamEdge last) {
-    for (int i = 0; i < outer; ++i) {
-      int from = 0;
-      while (from < inner && at(lit, i, from) == 0) ++from;
-      if (from == inner) continue;
-      int to = inner - 1;
-      while (at(lit, i, to) == 0) --to;
-      at(rims, i, from) |= bit(first);
-      at(rims, i, to) |= bit(last);
+/// The rectangle round the lit lenslets.
+struct LitBox {
+  int left = std::numeric_limits<int>::max();
+  int right = std::numeric_limits<int>::min();
+  int top = std::numeric_limits<int>::max();
+  int bottom = std::numeric_limits<int>::min();
+};
+
+/// Marks the first and the last lit lenslet of each row in the map, and returns the box.
+LitBox mark_rim(const Image<std::uint8_t>& lit, Image<std::uint8_t>& rim) {
+  LitBox box;
+  std::vector<int> first(static_cast<std::size_t>(lit.cols()), -1);
+  std::vector<int> last = first;
+  for (int row = 0; row < lit.rows(); ++row) {
+    int from = -1;
+    int to = -1;
+    for (int col = 0; col < lit.cols(); ++col) {
+      if (lit(row, col) == 0) continue;
+      if (from < 0) from = col;
+      to = col;
+      int& top = first[static_cast<std::size_t>(col)];
+      if (top < 0) top = row;
+      last[static_cast<std::size_t>(col)] = row;
     }
-  };
-  mark(
-      lit.rows(), lit.cols(), [](auto& map, int row, int col) -> auto& { return map(row, col); },
-      BeamEdge::kLeft, BeamEdge::kRight);
-  mark(
-      lit.cols(), lit.rows(), [](auto& map, int col, int row) -> auto& { return map(row, col); },
-      BeamEdge::kTop, BeamEdge::kBottom);
-  return rims;
+    if (from < 0) continue;
+    rim(row, from) = rim(row, to) = 1;
+    box = {std::min(box.left, from), std::max(box.right, to), std::min(box.top, row), row};
+  }
+  for (int col = 0; col < lit.cols(); ++col) {
+    const auto c = static_cast<std::size_t>(col);
+    if (first[c] >= 0) rim(first[c], col) = rim(last[c], col) = 1;
+  }
+  return box;
 }
 
-/// Calls act(k, row, col, light) for each lenslet that counts.
+/// Says whether a lenslet of the rim belongs to an edge: to the one towards which it lies from the
+/// middle of the box, as the box is wide and high; corners belong to two.
+bool is_at(BeamEdge edge, const LitBox& box, int row, int col) {
+  const double x = (2.0 * col - box.left - box.right) / std::max(box.right - box.left, 1);
+  const double y = (2.0 * row - box.top - box.bottom) / std::max(box.bottom - box.top, 1);
+  switch (edge) {
+    case BeamEdge::kLeft:
+      return -x >= std::abs(y);
+    case BeamEdge::kRight:
+      return x >= std::abs(y);
+    case BeamEdge::kTop:
+      return -y >= std::abs(x);
+    case BeamEdge::kBottom:
+      return y >= std::abs(x);
+  }
+  return false;
+}
+
+/// Calls act(row, col, light) for each lenslet that counts.
 template <typename Act>
 void for_each_light(const Image<float>& light, const Image<std::uint8_t>& lit, Act&& act) {
   for (int row = 0; row < lit.rows(); ++row)
@@ -51,7 +77,8 @@ void for_each_light(const Image<float>& light, const Image<std::uint8_t>& lit, A
 
 BeamFigures measure_beam(const Image<float>& light, const Image<std::uint8_t>& lit) {
   BeamFigures beam;
-  const Image<std::uint8_t> rims = rims_of(lit);
+  Image<std::uint8_t> is_rim(lit.rows(), lit.cols());
+  const LitBox box = mark_rim(lit, is_rim);
   double brightest = 0.0;
   double rim = 0.0;
   for_each_light(light, lit, [&](int row, int col, double here) {
@@ -59,9 +86,11 @@ BeamFigures measure_beam(const Image<float>& light, const Image<std::uint8_t>& l
     beam.x += here * col;
     beam.y += here * row;
     brightest = std::max(brightest, here);
-    if (rims(row, col) != 0) rim += here;
+    if (is_rim(row, col) == 0) return;
+    rim += here;
     for (std::size_t i = 0; i < beam.edge.size(); ++i)
-      if ((rims(row, col) >> i & 1U) != 0) beam.edge[i] = std::max(beam.edge[i], here);
+      if (is_at(static_cast<BeamEdge>(i), box, row, col))
+        beam.edge[i] = std::max(beam.edge[i], here);
   });
   if (!beam.is_lit()) {
     beam.x = beam.y = beam.d4sigma_x = beam.d4sigma_y = beam.rim =

@@ -28,8 +28,8 @@ struct BeamFigures {
   double d4sigma_y = 0.0;
   double rim =
       0.0;  ///< part of the light in lenslets that are the first or last of a row or column
-  /// In the order of BeamEdge: the brightest lenslet that is the first of its row, the last of its
-  /// row, the first or the last of its column, over the brightest of all.
+  /// In the order of BeamEdge: the brightest lenslet of the rim that lies in this direction from
+  /// the middle, over the brightest of all.
   std::array<double, kBeamEdgeNames.size()> edge{};
 
   bool is_lit() const { return light > 0.0; }

@@ -119,6 +119,26 @@ TEST(BeamFigures, ABeamIsCutWhereItsContourCrossesTheEdge) {
   EXPECT_EQ(edges_at(38.0, 28.0), "right and bottom");
 }
 
+TEST(BeamFigures, ARoundArrayHasEdgesInTheDirectionsFromItsMiddle) {
+  Image<std::uint8_t> disc(20, 20);
+  for (int row = 0; row < 20; ++row)
+    for (int col = 0; col < 20; ++col)
+      disc(row, col) = std::hypot(col - 9.5, row - 9.5) < 8.5 ? 1 : 0;
+  const auto beam_at = [&](double x, double y) {
+    Image<float> map(20, 20);
+    for (int row = 0; row < 20; ++row)
+      for (int col = 0; col < 20; ++col)
+        map(row, col) =
+            static_cast<float>(std::exp(-2.0 * (std::pow(col - x, 2) + std::pow(row - y, 2)) / 25));
+    return measure_beam(map, disc);
+  };
+  const BeamFigures reference = beam_at(9.5, 9.5);
+  EXPECT_EQ(edges_that_cut(beam_at(9.5, 9.5), reference), "");
+  EXPECT_EQ(edges_that_cut(beam_at(4.0, 9.5), reference), "left");
+  EXPECT_EQ(edges_that_cut(beam_at(9.5, 15.0), reference), "bottom");
+  EXPECT_EQ(edges_that_cut(beam_at(14.0, 5.0), reference), "right and top");
+}
+
 TEST(BeamFigures, ABeamThatFillsTheArrayLeavesItWhenItMovesOff) {
   const auto filled_from = [](int dark_cols) {
     Image<float> map(kRows, kCols, 1.0F);
