@@ -191,7 +191,12 @@ std::string LiveCalibration::use_reference(const std::string& taken) {
   write_sensor(path, fresh.calibration.sensor, provenance);
   for (const std::string& note : fresh.calibration.notes) spdlog::info("{}: {}", path, note);
   if (!fresh.dropped.empty()) spdlog::info("{}: {}", path, fresh.dropped);
-  pipeline_.use_sensor(path);
+  try {
+    pipeline_.use_sensor(path);
+  } catch (...) {
+    std::filesystem::remove(path);
+    throw;
+  }
   const Sensor& sensor = fresh.calibration.sensor;
   return fmt::format(
       "{} of {} x {} lenslets lit, spots {:.3f} px rms from the grid; {} is in use until curlew "

@@ -51,6 +51,7 @@ class LiveCalibrationTest : public ::testing::Test {
       dark_.emplace_back(format_.bytes());
       std::memcpy(dark_.back().data(), pixels.data(), format_.bytes());
     }
+    if (outer_are_dark_) darken_outer_lenslets();
     Sensor sensor = sensor_of(simulator, kWindow, kBias);
     sensor.flux_adu = Image<float>(kSide, kSide, 1000.0F);
     write_sensor(old_path_, sensor);
@@ -65,6 +66,15 @@ class LiveCalibrationTest : public ::testing::Test {
       LiveFeed feed(*exchange_, {}, control_);
       pipeline_->run(feed);
     });
+  }
+  void darken_outer_lenslets() {
+    const auto within = [](int px) { return px >= kWindow && px < (kSide - 1) * kWindow; };
+    for (std::size_t i = 0; i < lit_.size(); ++i)
+      for (int row = 0; row < format_.rows; ++row)
+        for (int col = 0; col < format_.cols; ++col) {
+          const auto at = static_cast<std::size_t>(2 * (row * format_.cols + col));
+          if (!within(row) || !within(col)) std::memcpy(&lit_[i][at], &dark_[i][at], 2);
+        }
   }
   void TearDown() override {
     calibration_->stop();
@@ -111,6 +121,7 @@ class LiveCalibrationTest : public ::testing::Test {
     return found;
   }
 
+  bool outer_are_dark_ = false;
   ScratchDirectory folder_;
   const std::string old_path_ = folder_ / "old.fits";
   std::mt19937 random_{1};
@@ -171,6 +182,26 @@ TEST_F(LiveCalibrationTest, WhatFailsLeavesTheOldSensorAndNoFile) {
   EXPECT_EQ(pipeline_->config().daemon.sensor, old_path_);
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_.path()), {}), 1)
       << "the old sensor alone";
+}
+
+/// The streams that are published have room for the old sensor's lenslets only.
+class PublishingCalibrationTest : public LiveCalibrationTest {
+ protected:
+  PublishingCalibrationTest() {
+    config_.publish.streams = {PublishedStream::kMask};
+    config_.publish.folder = streams_.path();
+    outer_are_dark_ = true;
+  }
+  ScratchDirectory streams_;
+};
+
+TEST_F(PublishingCalibrationTest, ASensorThatCannotBeTakenUpLeavesNoFile) {
+  const std::string text = take(LiveCalibration::Kind::kReference);
+  EXPECT_NE(text.find("the old sensor stays: the published streams are of 8 x 8 lenslets"),
+            std::string::npos)
+      << text;
+  EXPECT_TRUE(files("sensor-").empty());
+  EXPECT_EQ(pipeline_->config().daemon.sensor, old_path_);
 }
 
 TEST_F(LiveCalibrationTest, OneAtATimeAndNotWithoutEnd) {
