@@ -159,7 +159,7 @@ void Daemon::supervise(const std::atomic<bool>& finished) {
 
 /// Adapts the camera's exposure to the light, where that is configured.
 void Daemon::follow_exposure() {
-  if (!exposure_) return;
+  if (!exposure_ || connection_.control().stop) return;
   const StatusSnapshot status = status_.snapshot();
   const auto [detector, pitch_px] = pipeline_.detector_and_pitch_px();
   const std::string said = exposure_->step(

@@ -144,13 +144,13 @@ class LiveCalibrationTest : public ::testing::Test {
 
 TEST_F(LiveCalibrationTest, ADarkAndAReferenceBecomeTheSensor) {
   light_ = false;
-  std::this_thread::sleep_for(50ms);
+  std::this_thread::sleep_for(150ms);
   std::string text = take(LiveCalibration::Kind::kDark);
   EXPECT_NE(text.find("a dark of 100 ADU"), std::string::npos) << text;
   ASSERT_EQ(files("dark-").size(), 1U) << text;
   EXPECT_EQ(pipeline_->config().daemon.sensor, old_path_) << "a dark alone changes nothing";
   light_ = true;
-  std::this_thread::sleep_for(50ms);
+  std::this_thread::sleep_for(150ms);
   text = take(LiveCalibration::Kind::kReference);
   EXPECT_NE(text.find("12 of the 1"), std::string::npos) << text;
   EXPECT_NE(text.find("64 of 8 x 8 lenslets lit"), std::string::npos) << text;
@@ -176,7 +176,7 @@ TEST_F(LiveCalibrationTest, WhatFailsLeavesTheOldSensorAndNoFile) {
             std::string::npos)
       << text;
   light_ = false;
-  std::this_thread::sleep_for(50ms);
+  std::this_thread::sleep_for(150ms);
   text = take(LiveCalibration::Kind::kReference);
   EXPECT_NE(text.find("no reference was taken, the old sensor stays"), std::string::npos) << text;
   EXPECT_EQ(pipeline_->config().daemon.sensor, old_path_);
