@@ -23,7 +23,7 @@
 #include "service/sensor/capture.h"
 #include "service/sensor/frame_maps.h"
 #include "service/sensor/optics_comparison.h"
-#include "service/sensor/reference_spots.h"
+#include "service/sensor/recording_calibration.h"
 #include "service/sensor/sensor_file.h"
 #include "service/sensor/sensor_verdict.h"
 
@@ -92,70 +92,35 @@ FrameSelection reference_selection(const CalibrateOptions& options) {
   return {.hdu = options.hdu, .region = parse_region(options.region)};
 }
 
-/// Returns the power of 2 of which all values of the first frame are multiples, as where a camera
-/// writes 12 bits into the upper part of 16. It is 1 for 8 bits and for values that are not
-/// integers.
-int common_step(const std::string& path, const FrameSelection& selection) {
-  FitsSource source({path}, selection);
-  if (source.format().pixel_type != PixelType::kU16 || source.format().scale_adu != 1.0) return 1;
-  FrameBuffer frame(source.format());
-  if (source.next(frame) != Delivery::kFrame) return 1;
-  const FrameView view = frame.view();
-  const auto* pixels = view.data<std::uint16_t>();
-  const auto n = static_cast<std::size_t>(view.rows) * static_cast<std::size_t>(view.cols);
-  unsigned bits = 0;
-  for (std::size_t i = 0; i < n; ++i) bits |= pixels[i];
-  constexpr int kLeast = 4;  // Even numbers alone may be sums of two pixels.
-  const int step = bits == 0 ? 1 : 1 << std::countr_zero(bits);
-  return step >= kLeast ? step : 1;
-}
-
-CalibrationInput read_input(const CalibrateOptions& options, const FitsSource& source) {
-  CalibrationInput input;
-  const MeanImage reference = read_mean_image(options.reference, reference_selection(options));
-  input.reference_adu = converted<float>(reference.mean);
-  input.reference_frames = static_cast<int>(reference.frames);
-  if (!reference.variance.empty())
-    input.reference_variance_adu2 = converted<float>(reference.variance);
-  input.adu_per_count = source.format().scale_adu;
-  // Only simulated recordings tell the truth.
-  input.light_is_cut = read_truth(options.reference).has_value();
-  input.value_step = common_step(options.reference, reference_selection(options));
+CalibrationInput read_input(const CalibrateOptions& options) {
+  ReferenceFrameSet reference =
+      read_reference_frames(options.reference, reference_selection(options));
+  CalibrationInput& input = reference.input;
   if (!options.dark.empty()) {
-    const MeanImage dark = read_map(options.dark, reference,
+    const MeanImage dark = read_map(options.dark, reference.mean,
                                     {.hdu = options.dark_hdu, .content = ImageContent::kDark});
-    check_dark(options.dark, dark);
-    input.dark_adu = converted<float>(dark.mean);
-    if (!dark.variance.empty()) input.dark_variance_adu2 = converted<float>(dark.variance);
+    fmt::print("{}: {}\n", options.dark, check_dark(options.dark, dark));
+    set_dark(dark, input);
   }
   if (!options.flat.empty())
-    input.flat = converted<float>(
-        read_map(options.flat, reference, {.hdu = options.flat_hdu, .content = ImageContent::kFlat})
-            .mean);
-  Image<std::uint8_t> bad(reference.region.rows, reference.region.cols);
+    input.flat =
+        converted<float>(read_map(options.flat, reference.mean,
+                                  {.hdu = options.flat_hdu, .content = ImageContent::kFlat})
+                             .mean);
   if (!options.bad_pixels.empty()) {
     const MeanImage map =
-        read_map(options.bad_pixels, reference,
+        read_map(options.bad_pixels, reference.mean,
                  {.hdu = options.bad_pixels_hdu, .content = ImageContent::kBadPixels});
-    for (std::size_t i = 0; i < bad.size(); ++i) bad[i] = map.mean[i] == 0.0 ? 0 : 1;
+    for (std::size_t i = 0; i < map.mean.size(); ++i) {
+      if (map.mean[i] == 0.0) continue;
+      if (input.bad_pixel.empty())
+        input.bad_pixel = Image<std::uint8_t>(map.mean.rows(), map.mean.cols());
+      input.bad_pixel[i] = 1;
+    }
   }
-  for (std::size_t i = 0; i < bad.size(); ++i)
-    if (!std::isfinite(reference.mean[i])) bad[i] = 1;
-  if (std::any_of(bad.begin(), bad.end(), [](std::uint8_t b) { return b != 0; }))
-    input.bad_pixel = bad;
-  input.optics = optics_of(options, source.optics());
-  input.detector = detector_of(options, source.detector());
-  input.offset_x_px = source.format().offset_x_px;
-  input.offset_y_px = source.format().offset_y_px;
-  input.binning = source.format().binning;
-  // What 8 bits can hold may be frames of 8 bits that some program wrote as 16.
-  constexpr double kLargestOf8Bits = 255.0;
-  input.pixel_bits = converter_bits(source.format());
-  if (std::none_of(reference.mean.begin(), reference.mean.end(),
-                   [](double adu) { return adu > kLargestOf8Bits; }) &&
-      input.pixel_bits == 16)
-    input.pixel_bits = 0;
-  return input;
+  input.optics = optics_of(options, input.optics);
+  input.detector = detector_of(options, input.detector);
+  return std::move(input);
 }
 
 void print_fit(const CalibrateOptions& options, const Sensor& sensor) {
@@ -186,34 +151,20 @@ Provenance provenance_of(const CalibrateOptions& options, const Config& config) 
 /// Finds grid, windows and reference spots from the recording options.reference.
 void calibrate_on_recording(const CalibrateOptions& options) {
   const Config config = options.config.empty() ? Config{} : read_config(options.config);
-  FitsSource source({options.reference}, reference_selection(options));
-  CalibrationInput input = read_input(options, source);
+  const FrameSelection selection = reference_selection(options);
+  CalibrationInput input = read_input(options);
   input.centroid = config.centroid;
-  const auto calibrated = [&] {
-    try {
-      return calibrate_sensor(input);
-    } catch (const Failure& failure) {
-      throw Failure(options.reference + ": " + failure.what());
-    }
-  };
-  Calibration calibration = calibrated();
-  if (config.centroid.follow_level) {
-    // Frames may need a higher threshold than their read noise says. Gains must be for that one.
-    FitsSource frames({options.reference}, reference_selection(options));
-    input.centroid.threshold_adu =
-        std::max(input.centroid.threshold_adu,
-                 find_frame_threshold_adu(frames, config.centroid, calibration.sensor) -
-                     calibration.level_adu);
-    calibration = calibrated();
-  }
-  Sensor& sensor = calibration.sensor;
-  const ReferenceReport report = measure_reference_spots(source, config.centroid, sensor);
+  RecordingCalibration done =
+      calibrate_on_frames(options.reference, selection, input, options.reference);
+  const Calibration& calibration = done.calibration;
+  const Sensor& sensor = calibration.sensor;
   write_sensor(options.out, sensor, provenance_of(options, config));
   print_fit(options, sensor);
   if (!options.picture.empty()) {
     write_sensor_picture(options.picture, sensor, input.reference_adu);
     fmt::print("  {}\n", sensor_picture_legend(options.picture));
   }
+  const FitsSource source({options.reference}, selection);
   for (const std::string& note : source.notes()) fmt::print("  {}\n", note);
   if (!source.map_report().empty()) fmt::print("  {}\n", source.map_report());
   // --mirror only adds to what the header says.
@@ -224,7 +175,7 @@ void calibrate_on_recording(const CalibrateOptions& options) {
         "holds\n",
         options.reference, differing);
   for (const std::string& note : calibration.notes) fmt::print("  {}\n", note);
-  if (!report.text.empty()) fmt::print("  {}\n", report.text);
+  if (!done.dropped.empty()) fmt::print("  {}\n", done.dropped);
   fmt::print("verdict on the sensor:\n");
   for (const std::string& line : sensor_verdict(sensor, calibration.width_over_diffraction))
     fmt::print("  {}\n", line);
@@ -235,7 +186,7 @@ void take_dark(const CameraOptions& camera, const CalibrateOptions& options) {
   const std::string taken = partial_path(options.out + ".dark.fits");
   capture_frames(camera, options.frames, taken);
   try {
-    check_dark(options.out, read_mean_image(taken));
+    fmt::print("{}: {}\n", options.out, check_dark(options.out, read_mean_image(taken)));
     std::filesystem::rename(taken, replaceable_target(options.out));
   } catch (...) {
     std::filesystem::remove(taken);

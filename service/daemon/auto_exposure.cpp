@@ -58,7 +58,7 @@ std::string AutoExposure::follow(const FrameCopy& copy, const Camera& camera,
   if (!wanted_us) return {};
   const double done_us = camera.set_exposure_us(*wanted_us);
   return fmt::format(
-      "auto_exposure: {:.4g} us instead of {:.4g}, as the brightest spots were at {:.2f} of "
+      "auto_exposure: {:.6g} us instead of {:.6g}, as the brightest spots were at {:.2f} of "
       "saturation",
       done_us, exposure_us, brightness);
 }

@@ -44,6 +44,7 @@ Daemon::Daemon(std::function<Config()> configure, DaemonLimits limits, const Air
   if (!control.empty()) control_socket_ = std::make_unique<ControlSocket>(control);
   serve_metrics();
   serve_page();
+  pipeline_.show_on(beam_.tap());
   if (pipeline_.config().camera.auto_exposure) {
     exposure_ = std::make_unique<AutoExposure>(pipeline_.config().camera);
     pipeline_.show_on(exposure_->tap());
@@ -70,10 +71,12 @@ void Daemon::serve_page() {
                                      config.camera.source, settings);
   pipeline_.show_on(*page_);
   PageControl control;
-  if (config.page.control)
+  if (config.page.control) {
+    calibration_ = std::make_unique<LiveCalibration>(pipeline_);
     control = [this](const std::string& body, const std::string& peer) {
-      return change_by_page(pipeline_, connection_, body, peer);
+      return change_by_page({pipeline_, connection_, *calibration_}, body, peer);
     };
+  }
   page_server_ = std::make_unique<PageServer>(config.page, *page_, std::move(control));
   spdlog::info("page: {}", page_server_->url());
 }
@@ -111,6 +114,7 @@ DaemonReport Daemon::run() {
   }
   connecting.join();
   watch_.reset();
+  if (calibration_) calibration_->stop();
   const std::int64_t unwritten = pipeline_.finish();
   if (connecting_failure) std::rethrow_exception(connecting_failure);
   if (supervising_failure) std::rethrow_exception(supervising_failure);
@@ -143,8 +147,9 @@ void Daemon::supervise(const std::atomic<bool>& finished) {
     const std::int64_t signs = connection_.control().signs_of_life;
     if (std::exchange(seen_signs, signs) != signs) last_sign = Clock::now();
     if (Clock::now() - last_sign < kLongestSilence) supervisor_.watchdog();
-    if (watch_) watch_->draw(status_line_);
+    if (watch_) watch_->draw(watched_lines_);
     follow_exposure();
+    beam_.look();
     if (Clock::now() >= next_second) {
       every_second();
       next_second += std::chrono::seconds(1);
@@ -154,7 +159,7 @@ void Daemon::supervise(const std::atomic<bool>& finished) {
 
 /// Adapts the camera's exposure to the light, where that is configured.
 void Daemon::follow_exposure() {
-  if (!exposure_) return;
+  if (!exposure_ || connection_.control().stop) return;
   const StatusSnapshot status = status_.snapshot();
   const auto [detector, pitch_px] = pipeline_.detector_and_pitch_px();
   const std::string said = exposure_->step(
@@ -166,19 +171,22 @@ void Daemon::follow_exposure() {
 
 void Daemon::every_second() {
   status_.refused(pipeline_.refused());
+  if (const auto beam = beam_.second_over(pipeline_.beam_reference())) status_.beam_measured(*beam);
   const StatusSnapshot status = status_.second_over();
   if (!watch_) printer_.add(status);
-  status_line_ = status_line(status);
-  supervisor_.status(status_line_);
+  supervisor_.status(status_line(status));
+  watched_lines_ = {status_line(status)};
+  if (status.beam) watched_lines_.push_back(beam_line(*status.beam));
 }
 
 DaemonFacts Daemon::facts() const {
   const Config config = pipeline_.config();
-  DaemonFacts facts{config_hash(config), config.camera.source, {}};
+  DaemonFacts facts{config_hash(config), config.camera.source, {}, {}};
   std::error_code unknown;
   const auto space = std::filesystem::space(config.recorder.folder, unknown);
   if (!unknown && config.recorder.mode != RecordMode::kOff)
     facts.free_mb = static_cast<std::int64_t>(space.available / 1'000'000);
+  if (calibration_) facts.calibration = calibration_->text();
   return facts;
 }
 

@@ -7,13 +7,16 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "service/config.h"
 #include "service/daemon/auto_exposure.h"
+#include "service/daemon/beam_watch.h"
 #include "service/daemon/control_socket.h"
 #include "service/daemon/daemon_connection.h"
 #include "service/daemon/daemon_pipeline.h"
 #include "service/daemon/daemon_status.h"
+#include "service/daemon/live_calibration.h"
 #include "service/daemon/notify.h"
 #include "service/daemon/status_printer.h"
 #include "service/live_feed.h"
@@ -68,13 +71,15 @@ class Daemon {
   Supervisor supervisor_;
   std::unique_ptr<ControlSocket> control_socket_;  ///< It is null where none is configured.
   std::unique_ptr<MetricsServer> metrics_server_;  ///< It is null where none is configured.
+  std::unique_ptr<LiveCalibration> calibration_;  ///< It is null where the page may change nothing.
   // These are null where no page is configured. The server is the last, because it uses the page.
   std::unique_ptr<LivePage> page_;
   std::unique_ptr<PageServer> page_server_;
   StatusPrinter printer_;
   std::unique_ptr<TerminalWatch> watch_;    ///< It is null where nobody watches on the terminal.
   std::unique_ptr<AutoExposure> exposure_;  ///< It is null where the exposure stays.
-  std::string status_line_;                 ///< of the last second
+  BeamWatch beam_;
+  std::vector<std::string> watched_lines_;  ///< of the last second, for the terminal
 };
 
 }  // namespace curlew

@@ -203,6 +203,8 @@ void DaemonPipeline::run(LiveFeed& feed) {
     if (writer_) writer_->add(slot, dropped_before + dropped);
     if (page_ != nullptr) page_->pass(slot, dropped_before + dropped);
     for (FrameTap* tap : taps_) tap->pass(slot, dropped_before + dropped);
+    if (beam_tap_ != nullptr) beam_tap_->offer(slot);
+    if (frame_tap_ != nullptr) frame_tap_->offer(slot);
     if (air_) air_->add(slot);
     status_.result_published(slot);
   };
@@ -233,6 +235,13 @@ void DaemonPipeline::change(const std::string& section, const std::string& key,
   const std::lock_guard one_at_a_time(taking_up_);
   Config changed = with_setting(config(), section, key, value);
   refuse_settings_without_effect(changed);
+  take_up(std::move(changed));
+}
+
+void DaemonPipeline::use_sensor(const std::string& path) {
+  const std::lock_guard one_at_a_time(taking_up_);
+  Config changed = config();
+  changed.daemon.sensor = path;
   take_up(std::move(changed));
 }
 
@@ -285,6 +294,16 @@ void DaemonPipeline::adopt_pending_plan() {
 std::pair<Detector, double> DaemonPipeline::detector_and_pitch_px() const {
   const std::lock_guard lock(mutex_);
   return {sensor_.detector, sensor_.grid.pitch_px()};
+}
+
+Sensor DaemonPipeline::sensor() const {
+  const std::lock_guard lock(mutex_);
+  return sensor_;
+}
+
+BeamReference DaemonPipeline::beam_reference() const {
+  const std::lock_guard lock(mutex_);
+  return {measure_beam(sensor_.flux_adu, sensor_.valid), sensor_.optics.pitch_m};
 }
 
 bool DaemonPipeline::trigger() {

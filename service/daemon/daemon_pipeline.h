@@ -15,7 +15,9 @@
 #include "centroiding/sensor.h"
 #include "service/air/air_watch.h"
 #include "service/config.h"
+#include "service/daemon/beam_watch.h"
 #include "service/daemon/daemon_status.h"
+#include "service/daemon/frame_sample.h"
 #include "service/daemon/frame_snapshot.h"
 #include "service/live_feed.h"
 #include "service/page/live_page.h"
@@ -44,6 +46,8 @@ class DaemonPipeline {
   void show_on(LivePage& page) { page_ = &page; }
   /// The same for a tap.
   void show_on(FrameTap& tap) { taps_.push_back(&tap); }
+  void show_on(AskedCopy<BeamSample>& tap) { beam_tap_ = &tap; }
+  void show_on(AskedCopy<FrameSample>& tap) { frame_tap_ = &tap; }
 
   /// Makes the pipeline and the recorder for frames of this format, or keeps those of the last
   /// connection where they fit. connections_before: the number of connections before this one. It
@@ -60,6 +64,9 @@ class DaemonPipeline {
   /// Changes one setting until the next reload. Any thread may call it. Throws UsageError or
   /// Failure where the value or what follows from it cannot be; then nothing changes.
   void change(const std::string& section, const std::string& key, const SettingValue& value);
+  /// Takes up another sensor file until the next reload. Any thread may call it. Throws as
+  /// change().
+  void use_sensor(const std::string& path);
   /// Pauses the recorder, or lets it go on. Any thread may call it. Returns false where there is no
   /// recorder.
   bool pause_recording(bool paused);
@@ -69,6 +76,11 @@ class DaemonPipeline {
 
   /// Returns the detector and the pitch in px of the sensor. Any thread may call it.
   std::pair<Detector, double> detector_and_pitch_px() const;
+
+  /// Returns the sensor in use. Any thread may call it.
+  Sensor sensor() const;
+  /// Returns the reference beam of the sensor. Any thread may call it.
+  BeamReference beam_reference() const;
 
   /// Triggers the recorder. Returns false where no recorder waits for a trigger.
   bool trigger();
@@ -110,12 +122,14 @@ class DaemonPipeline {
   // prepare() changes these three under the mutex. run() uses them without it, because the same
   // thread calls both.
   std::unique_ptr<Pipeline> pipeline_;
-  std::unique_ptr<Recorder> recorder_;        ///< It is null where nothing is recorded.
-  std::unique_ptr<StreamPublisher> streams_;  ///< It is null where nothing is published.
-  std::unique_ptr<ResultWriter> writer_;      ///< It is null where no JSON lines are written.
-  std::unique_ptr<AirWatch> air_;             ///< It is null where the air is not looked at.
-  LivePage* page_ = nullptr;                  ///< It is null where there is no page.
-  std::vector<FrameTap*> taps_;               ///< of the terminal and of the exposure
+  std::unique_ptr<Recorder> recorder_;           ///< It is null where nothing is recorded.
+  std::unique_ptr<StreamPublisher> streams_;     ///< It is null where nothing is published.
+  std::unique_ptr<ResultWriter> writer_;         ///< It is null where no JSON lines are written.
+  std::unique_ptr<AirWatch> air_;                ///< It is null where the air is not looked at.
+  LivePage* page_ = nullptr;                     ///< It is null where there is no page.
+  std::vector<FrameTap*> taps_;                  ///< of the terminal and of the exposure
+  AskedCopy<BeamSample>* beam_tap_ = nullptr;    ///< It is null where nobody watches the beam.
+  AskedCopy<FrameSample>* frame_tap_ = nullptr;  ///< It is null where none takes frames.
   SnapshotExchange snapshots_;
   RunReport report_;
 };

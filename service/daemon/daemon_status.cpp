@@ -78,6 +78,17 @@ void DaemonStatus::air_measured(const AirReport& report) {
   air_ = report;
 }
 
+void DaemonStatus::beam_measured(const BeamReport& report) {
+  const std::lock_guard lock(mutex_);
+  const std::string before = beam_ ? beam_->warning : "";
+  beam_ = report;
+  if (report.warning == before) return;
+  if (report.warning.empty())
+    spdlog::info("the beam is on the lenslets again");
+  else
+    spdlog::warn("{}", report.warning);
+}
+
 StatusSnapshot DaemonStatus::snapshot() const {
   const std::lock_guard lock(mutex_);
   return read();
@@ -106,6 +117,7 @@ StatusSnapshot DaemonStatus::read() const {
   now.recording_paused = recording_paused_;
   now.tracks = metrics_.tracks.seen();
   now.air = air_;
+  if (window_.frames > 0) now.beam = beam_;
   now.newest_ns = newest_ns_;
   now.uptime_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count();
   const RecorderCounts& recorder = now.counts.recorder;

@@ -13,6 +13,7 @@
 #include "acquisition/camera.h"
 #include "core/frame_exchange.h"
 #include "service/air/air_meter.h"
+#include "service/daemon/beam_watch.h"
 #include "service/daemon/live_statistics.h"
 #include "service/metrics/live_metrics.h"
 #include "service/recorder/recorder.h"
@@ -48,12 +49,13 @@ struct StatusSnapshot {
   DaemonState state = DaemonState::kSearching;
   std::string reason;  ///< It tells why the state was entered; it may be empty.
   DaemonCounts counts;
-  std::int64_t results = 0;        ///< It counts the results since the start.
-  bool recording = false;          ///< It says whether there is or was a recorder.
-  bool recording_paused = false;   ///< The page has paused the recorder.
-  StatusWindow window;             ///< It is empty where the last seconds brought no result.
-  TracksSeen tracks{};             ///< since the start
-  std::optional<AirReport> air{};  ///< It is that of the last window that is complete.
+  std::int64_t results = 0;          ///< It counts the results since the start.
+  bool recording = false;            ///< It says whether there is or was a recorder.
+  bool recording_paused = false;     ///< The page has paused the recorder.
+  StatusWindow window;               ///< It is empty where the last seconds brought no result.
+  TracksSeen tracks{};               ///< since the start
+  std::optional<AirReport> air{};    ///< It is that of the last window that is complete.
+  std::optional<BeamReport> beam{};  ///< of the last second that had a frame
   double uptime_s = 0.0;
   std::int64_t newest_ns = 0;  ///< UTC of receipt of the last frame with a result; 0: unknown
 };
@@ -94,6 +96,9 @@ class DaemonStatus {
   /// A window of the air is complete.
   void air_measured(const AirReport& report);
 
+  /// Logs where the warning comes or goes.
+  void beam_measured(const BeamReport& report);
+
   StatusSnapshot snapshot() const;
   const LiveMetrics& metrics() const { return metrics_; }
 
@@ -124,6 +129,7 @@ class DaemonStatus {
   const FrameExchange* exchange_ = nullptr;  ///< It is set while a camera streams.
   const Recorder* recorder_ = nullptr;       ///< It is set while there is a recorder.
   std::optional<AirReport> air_;
+  std::optional<BeamReport> beam_;
   DaemonCounts past_;                    ///< It leaves out the stream and the recorder that go on.
   std::int64_t past_results_ = 0;        ///< It counts the results of streams that are over.
   std::set<std::string> told_refusals_;  ///< These sentences have been logged.

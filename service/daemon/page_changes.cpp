@@ -30,32 +30,42 @@ void set(DaemonPipeline& pipeline, DaemonConnection& connection, const std::stri
   if (section == "camera") connection.reconnect();
 }
 
-void act(DaemonPipeline& pipeline, DaemonConnection& connection, const std::string& what) {
+void act(const PageTargets& targets, const std::string& what, const Json& json,
+         const std::string& peer) {
+  DaemonPipeline& pipeline = targets.pipeline;
   if (what == "expose") {
-    connection.expose();
+    targets.connection.expose();
   } else if (what == "trigger") {
     if (!pipeline.trigger())
       throw UsageError("set mode = \"trigger\" in section [recorder] to record on a trigger");
   } else if (what == "record" || what == "pause_recording") {
     if (!pipeline.pause_recording(what == "pause_recording"))
       throw UsageError("nothing is recorded: set mode in section [recorder]");
+  } else if (what == "take_dark" || what == "take_reference") {
+    const Json frames = json.value("frames", Json(100));
+    if (!frames.is_number_integer()) throw UsageError("frames must be a whole number");
+    targets.calibration.begin(
+        what == "take_dark" ? LiveCalibration::Kind::kDark : LiveCalibration::Kind::kReference,
+        frames.get<std::int64_t>(), peer);
   } else {
-    throw UsageError("trigger, expose, record and pause_recording are known, not '" + what + "'");
+    throw UsageError(
+        "trigger, expose, record, pause_recording, take_dark and take_reference are known, not '" +
+        what + "'");
   }
 }
 
 }  // namespace
 
-std::string change_by_page(DaemonPipeline& pipeline, DaemonConnection& connection,
-                           const std::string& body, const std::string& peer) {
+std::string change_by_page(const PageTargets& targets, const std::string& body,
+                           const std::string& peer) {
   std::string why;
   const Json json = Json::parse(body, nullptr, false);
   try {
     if (!json.is_object()) throw UsageError("this is no JSON object");
     if (const std::string what = json.value("do", ""); !what.empty())
-      act(pipeline, connection, what);
+      act(targets, what, json, peer);
     else
-      set(pipeline, connection, json.value("set", ""), json.value("value", Json()));
+      set(targets.pipeline, targets.connection, json.value("set", ""), json.value("value", Json()));
   } catch (const std::exception& error) {
     why = error.what();
   }

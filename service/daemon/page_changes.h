@@ -6,6 +6,7 @@
 
 #include "service/daemon/daemon_connection.h"
 #include "service/daemon/daemon_pipeline.h"
+#include "service/daemon/live_calibration.h"
 
 namespace curlew {
 
@@ -28,9 +29,16 @@ inline constexpr std::array kPageSettings = {
 
 /// Does what the page asks for: {"set": "section.key", "value": V} changes a setting until the
 /// daemon ends or reloads its configuration, and {"do": "trigger"}, {"do": "expose"}, {"do":
-/// "record"} and {"do": "pause_recording"} act at once. Everything is logged with `peer`, the
-/// address that it came from. Returns an empty text, or a sentence on why nothing was changed.
-std::string change_by_page(DaemonPipeline& pipeline, DaemonConnection& connection,
-                           const std::string& body, const std::string& peer);
+/// "record"} and {"do": "pause_recording"} act at once. {"do": "take_dark", "frames": N} and {"do":
+/// "take_reference", "frames": N} begin what LiveCalibration does, of 100 frames if it is not said.
+/// Everything is logged with `peer`, the address that it came from. Returns an empty text, or a
+/// sentence on why nothing was changed.
+struct PageTargets {
+  DaemonPipeline& pipeline;
+  DaemonConnection& connection;
+  LiveCalibration& calibration;
+};
+std::string change_by_page(const PageTargets& targets, const std::string& body,
+                           const std::string& peer);
 
 }  // namespace curlew

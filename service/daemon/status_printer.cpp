@@ -6,12 +6,14 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <utility>
 
 #include "service/air/air_json.h"
 #include "service/program/version.h"
+#include "service/results/beam_json.h"
 
 namespace curlew {
 namespace {
@@ -61,6 +63,7 @@ std::string status_line(const StatusSnapshot& status) {
                         microseconds(window.max_ns), window.vortices_now);
   if (window.lost_now > 0) line += fmt::format("  lenslets lost {}", window.lost_now);
   if (window.late > 0) line += fmt::format("  late {}", window.late);
+  if (status.beam && !status.beam->warning.empty()) line += "  " + status.beam->warning;
   for (const auto& [name, count] : causes(status))
     if (count > 0) line += fmt::format("  {} {}", name, count);
   if (status.recording)
@@ -68,6 +71,19 @@ std::string status_line(const StatusSnapshot& status) {
                 ? "  recording stopped"
                 : fmt::format("  recorded {}", status.counts.recorder.recorded);
   return line;
+}
+
+std::string beam_line(const BeamReport& beam) {
+  const BeamFigures& figures = beam.figures;
+  if (!figures.is_lit())
+    return "no beam: " + (beam.warning.empty() ? "no lenslet has light" : beam.warning);
+  std::string line = fmt::format("beam at x {:.2f}, y {:.2f}, D4σ {:.2f} x {:.2f} lenslets",
+                                 figures.x, figures.y, figures.d4sigma_x, figures.d4sigma_y);
+  if (std::isfinite(beam.pitch_m))
+    line += fmt::format(" ({:.3g} x {:.3g} mm)", 1e3 * beam.pitch_m * figures.d4sigma_x,
+                        1e3 * beam.pitch_m * figures.d4sigma_y);
+  line += fmt::format(", {:.0f} % at the rim", 100.0 * figures.rim);
+  return beam.warning.empty() ? line : line + "; " + beam.warning;
 }
 
 std::string status_fields(const StatusSnapshot& status) {
@@ -134,6 +150,11 @@ std::string status_json(const StatusSnapshot& status, const DaemonFacts& facts) 
   json["files"] = counts.recorder.files;
   json["recording_stopped"] = counts.recorder.stopped;
   json["free_mb"] = facts.free_mb ? nlohmann::json(*facts.free_mb) : nlohmann::json(nullptr);
+  if (!facts.calibration.empty()) json["calibration"] = facts.calibration;
+  if (status.beam) {
+    json["beam"] = beam_json(status.beam->figures, status.beam->pitch_m);
+    json["beam"]["warning"] = status.beam->warning;
+  }
   if (status.air) json["air"] = air_json(*status.air);
   // The reason may hold a camera's name for itself, which need not be UTF-8.
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);

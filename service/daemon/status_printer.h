@@ -14,6 +14,10 @@ namespace curlew {
 /// were lost also how many, by their causes.
 std::string status_line(const StatusSnapshot& status);
 
+/// Returns "beam at x 9.50, y 9.48, D4σ 18.40 x 18.32 lenslets (5.52 x 5.50 mm), 3 % at the rim",
+/// and where there is a warning also that.
+std::string beam_line(const BeamReport& beam);
+
 /// Returns the line for the log, in the form key=value.
 std::string status_fields(const StatusSnapshot& status);
 
@@ -22,6 +26,7 @@ struct DaemonFacts {
   std::string config_hash;
   std::string camera;                   ///< as the configuration names it
   std::optional<std::int64_t> free_mb;  ///< room on the recorder's disk, 10⁶ bytes; none: unknown
+  std::string calibration;              ///< what became of the last one; empty: none was asked for
 };
 
 /// Returns the answer to `curlew control status`: one JSON object in one line (docs/files.md).

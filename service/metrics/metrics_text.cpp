@@ -136,6 +136,20 @@ void write_air(MetricsWriter& out, const AirReport& report) {
   write("air_error", "Standard errors of those figures.", &AirFigure::error);
 }
 
+void write_beam(MetricsWriter& out, const BeamReport& beam) {
+  const BeamFigures& figures = beam.figures;
+  if (figures.is_lit()) {
+    out.family("beam", "gauge", "The beam in the last second, by figures that name their units.");
+    out.sample("{figure=\"x_lenslets\"}", figures.x);
+    out.sample("{figure=\"y_lenslets\"}", figures.y);
+    out.sample("{figure=\"d4sigma_x_lenslets\"}", figures.d4sigma_x);
+    out.sample("{figure=\"d4sigma_y_lenslets\"}", figures.d4sigma_y);
+    out.sample("{figure=\"rim_part\"}", figures.rim);
+  }
+  out.single("beam_cut", "gauge", "1 while the edge of the lenslets cuts the beam.",
+             beam.warning.empty() ? 0 : 1);
+}
+
 }  // namespace
 
 std::string metrics_text(const LiveMetrics& live, const StatusSnapshot& status) {
@@ -144,6 +158,7 @@ std::string metrics_text(const LiveMetrics& live, const StatusSnapshot& status) 
   write_findings(out, live);
   write_latencies(out, live);
   write_daemon(out, status);
+  if (status.beam) write_beam(out, *status.beam);
   if (status.air) write_air(out, *status.air);
   return std::move(out).text();
 }

@@ -15,18 +15,21 @@ FrameStore::FrameStore(std::shared_ptr<const Plan> plan, const std::string& titl
 
 void FrameStore::add(const FrameSlot& slot, std::int64_t dropped) {
   PageMessage message;
+  std::string point;
   if (slot.frame_index % every_ == 0) {
     if (!copy_.copy(slot, dropped)) {
       copy_.fit();
       copy_.copy(slot, dropped);
     }
     message = plan_.frame(copy_, "");
+    point = frame_point(copy_);
   }
   const std::lock_guard lock(mutex_);
   latencies_.push_back(slot.latency);
   if (!message) return;
   bytes_ += message->size();
   frames_.push_back(std::move(message));
+  points_.push_back(std::move(point));
   while (frames_.size() > 1 && (frames_.size() > most_frames_ || bytes_ > most_bytes_)) thin_out();
 }
 
@@ -34,10 +37,12 @@ void FrameStore::thin_out() {
   every_ *= 2;
   bytes_ = 0;
   for (std::size_t i = 0; 2 * i < frames_.size(); ++i) {
-    frames_[i] = std::move(frames_[2 * i]);
+    if (i > 0) frames_[i] = std::move(frames_[2 * i]);
+    if (i > 0) points_[i] = std::move(points_[2 * i]);
     bytes_ += frames_[i]->size();
   }
   frames_.resize((frames_.size() + 1) / 2);
+  points_.resize(frames_.size());
 }
 
 void FrameStore::finish() {
@@ -51,7 +56,13 @@ std::string FrameStore::status() {
       {"mode", "replay"},      {"frames", frames_.size()},
       {"every", every_},       {"all_frames", latencies_.size()},
       {"finished", finished_}, {"latency", latency_summary(latencies_)}};
-  return json.dump();
+  std::string text = json.dump();
+  if (!finished_) return text;
+  text.pop_back();
+  text += R"(,"points":[)";
+  for (std::size_t i = 0; i < points_.size(); ++i)
+    text.append(i == 0 ? "" : ",").append(points_[i]);
+  return text + "]}";
 }
 
 PageMessage FrameStore::sensor(std::int64_t plan) {

@@ -7,13 +7,13 @@
 #include <cstdint>
 #include <vector>
 
+#include "service/page/asked_copy.h"
 #include "service/page/frame_copy.h"
 #include "service/stages.h"
 
 namespace curlew {
 
-/// One copy goes to and fro: either thread owns it in turn, and neither waits for the other. The
-/// viewer's thread asks, the publisher's thread fills in the next frame that passes.
+/// A copy that the viewer's thread asks for, and the publisher's thread makes of the next frame.
 class FrameTap {
  public:
   /// The publisher's thread calls this once a frame, when its latency is complete. It never waits,
@@ -22,25 +22,12 @@ class FrameTap {
     const std::size_t next = passed_.load(std::memory_order_relaxed);
     latencies_[next % kLatencies].set(slot.latency);
     passed_.store(next + 1, std::memory_order_release);
-    if (!asked_.load(std::memory_order_acquire)) return;
-    fits_ = copy_.copy(slot, dropped);
-    asked_.store(false, std::memory_order_release);
+    copy_.offer(slot, dropped);
   }
 
-  /// The viewer's thread calls this: returns the frame that passed since the last ask(), or null
-  /// while there is none. The copy is the viewer's until the next ask().
-  const FrameCopy* answer() {
-    if (!asked_once_ || asked_.load(std::memory_order_acquire)) return nullptr;
-    if (fits_) return &copy_;
-    copy_.fit();
-    ask();
-    return nullptr;
-  }
-  /// The viewer's thread calls this, and not again before answer() has returned a frame.
-  void ask() {
-    asked_once_ = true;
-    asked_.store(true, std::memory_order_release);
-  }
+  /// The viewer's thread calls these two: see AskedCopy.
+  const FrameCopy* answer() { return copy_.answer(); }
+  void ask() { copy_.ask(); }
 
   /// Returns the latencies of the last thousand frames or so, in no order. Any thread may call it.
   std::vector<FrameLatency> latencies() const {
@@ -78,10 +65,7 @@ class FrameTap {
     std::array<std::atomic<std::int64_t>, kStageCount + 2> ns_{};
   };
 
-  std::atomic<bool> asked_{false};  ///< the copy belongs to the publisher's thread
-  bool asked_once_ = false;         ///< only the viewer's thread touches it
-  bool fits_ = false;               ///< who owns the copy owns this
-  FrameCopy copy_;
+  AskedCopy<FrameCopy> copy_;
   std::array<SharedLatency, kLatencies> latencies_;
   std::atomic<std::size_t> passed_{0};
 };

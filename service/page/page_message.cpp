@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "service/program/version.h"
+#include "service/results/beam_json.h"
+#include "service/results/json_float.h"
 #include "service/results/json_line.h"
 #include "service/results/mode_results.h"
 #include "service/results/wavefront_figures.h"
@@ -95,8 +97,12 @@ Json zernike_of(const ModePlan& modes, ModeFit& fit, const SlopeField& slopes) {
   return list;
 }
 
-Json figures_of(const FrameCopy& copy) {
-  const WavefrontFigures figures = measure_wavefront(copy.map(PageMap::kPhase), copy.slopes.valid);
+struct Light {
+  double sum_adu = 0.0;
+  double scintillation = 0.0;  ///< ⟨F²⟩/⟨F⟩² − 1 over the lenslets with a slope
+};
+
+Light light_of(const FrameCopy& copy) {
   double sum = 0.0;
   double squares = 0.0;
   for (std::size_t k = 0; k < copy.slopes.valid.size(); ++k) {
@@ -105,12 +111,18 @@ Json figures_of(const FrameCopy& copy) {
     sum += flux;
     squares += flux * flux;
   }
-  const double count = copy.slopes.n_valid;
+  return {sum, squares * copy.slopes.n_valid / (sum * sum) - 1.0};
+}
+
+Json figures_of(const FrameCopy& copy, double pitch_m) {
+  const WavefrontFigures figures = measure_wavefront(copy.map(PageMap::kPhase), copy.slopes.valid);
+  const Light light = light_of(copy);
   return {{"rms_rad", known(figures.rms_rad)},
           {"pv_rad", known(figures.peak_to_valley_rad)},
           {"strehl", known(figures.strehl())},
-          {"flux_adu", known(sum)},
-          {"scintillation", known(squares * count / (sum * sum) - 1.0)},
+          {"flux_adu", known(light.sum_adu)},
+          {"scintillation", known(light.scintillation)},
+          {"beam", beam_json(measure_beam(copy.map(PageMap::kFlux), copy.state), pitch_m)},
           {"level_adu", known(copy.level_adu)},
           {"noise_adu", known(copy.noise_adu)},
           {"n_saturated", copy.n_saturated},
@@ -169,8 +181,9 @@ PageMessage PagePlan::frame(const FrameCopy& copy, const std::string& tail) {
   append_json_line(copy.result, json);
   json.pop_back();  // the line feed
   json += R"(,"scale_adu":)" + Json(copy.format.scale_adu).dump() + R"(,"zero_adu":)" +
-          Json(copy.format.zero_adu).dump() + R"(,"figures":)" + figures_of(copy).dump() +
-          R"(,"zernike":)" + zernike_of(modes_, fit_, copy.slopes).dump() + tail;
+          Json(copy.format.zero_adu).dump() + R"(,"figures":)" +
+          figures_of(copy, plan_->optics.pitch_m).dump() + R"(,"zernike":)" +
+          zernike_of(modes_, fit_, copy.slopes).dump() + tail;
   Arrays arrays;
   const FrameFormat& format = copy.format;
   arrays.add("pixels", format.pixel_type == PixelType::kU8 ? "u8" : "u16", format.rows, format.cols,
@@ -182,6 +195,20 @@ PageMessage PagePlan::frame(const FrameCopy& copy, const std::string& tail) {
   arrays.add("state", copy.state);
   arrays.add("circulation_valid", copy.circulation_valid);
   return arrays.message(std::move(json));
+}
+
+std::string frame_point(const FrameCopy& copy) {
+  Json tracks = Json::array();
+  for (const Vortex& vortex : copy.result.vortices)
+    if (vortex.track >= 0)
+      tracks.push_back({vortex.track, static_cast<int>(vortex.charge), json_float(vortex.x),
+                        json_float(vortex.y)});
+  const WavefrontFigures figures = measure_wavefront(copy.map(PageMap::kPhase), copy.slopes.valid);
+  const Json point{
+      {"frame", copy.result.frame_index}, {"vortices", copy.result.vortices.size()},
+      {"rms", known(figures.rms_rad)},    {"scintillation", known(light_of(copy).scintillation)},
+      {"lost", copy.result.n_lost},       {"tracks", std::move(tracks)}};
+  return point.dump();
 }
 
 PageMessage plain_message(std::string json) {

@@ -41,6 +41,11 @@ class PagePlan {
   ModeFit fit_;
 };
 
+/// Returns what the page charts over time of a frame, an object with frame, vortices, rms,
+/// scintillation, lost and tracks: a list of [track, charge, x, y]; null stands for what is not
+/// known.
+std::string frame_point(const FrameCopy& copy);
+
 /// Returns a message without arrays. json: an object.
 PageMessage plain_message(std::string json);
 

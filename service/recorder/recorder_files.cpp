@@ -13,6 +13,7 @@
 
 #include "core/error.h"
 #include "core/utc_now.h"
+#include "service/program/utc_name.h"
 #include "service/program/version.h"
 
 namespace curlew {
@@ -25,16 +26,6 @@ constexpr std::chrono::milliseconds kCommitInterval{500};
 constexpr std::chrono::seconds kLookInterval{1};
 // The headers and the padding behind the frames need less than this many bytes.
 constexpr std::int64_t kBlocks = std::int64_t{20} * 2880;
-
-// Returns a name like curlew-20261123T041500.123Z.
-std::string file_name(std::int64_t utc_ns) {
-  const std::time_t seconds = utc_ns / 1'000'000'000;
-  std::tm utc{};
-  gmtime_r(&seconds, &utc);
-  return fmt::format("curlew-{:04}{:02}{:02}T{:02}{:02}{:02}.{:03}Z", utc.tm_year + 1900,
-                     utc.tm_mon + 1, utc.tm_mday, utc.tm_hour, utc.tm_min, utc.tm_sec,
-                     utc_ns / 1'000'000 % 1000);
-}
 
 bool taken(const std::filesystem::path& path) {
   std::error_code ignored;
@@ -135,7 +126,7 @@ void RecorderFiles::end_file() noexcept {
 void RecorderFiles::begin_file(const FrameHeader& first) {
   const std::int64_t utc_ns = first.received_ns > 0 ? first.received_ns : utc_now_ns();
   const std::filesystem::path folder = options_.folder;
-  const std::string name = file_name(utc_ns);
+  const std::string name = "curlew-" + utc_name(utc_ns);
   std::filesystem::path path = folder / (name + ".fits");
   for (int n = 2; taken(path); ++n) path = folder / fmt::format("{}-{}.fits", name, n);
   Provenance provenance = header_.provenance;

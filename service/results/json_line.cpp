@@ -1,24 +1,12 @@
 #include "service/results/json_line.h"
 
-#include <charconv>
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "service/air/air_json.h"
+#include "service/results/json_float.h"
 
 namespace curlew {
 namespace {
-
-/// Returns the shortest decimals that read back as the same float, or null for a number that is not
-/// finite, because JSON has none.
-nlohmann::json number(float value) {
-  if (!std::isfinite(value)) return nullptr;
-  char text[32];
-  const auto end = std::to_chars(text, text + sizeof text, value);
-  double shortest = 0.0;
-  std::from_chars(text, end.ptr, shortest);
-  return shortest;
-}
 
 nlohmann::json microseconds(std::int64_t ns) { return static_cast<double>(ns) / 1000.0; }
 
@@ -40,19 +28,19 @@ void append_json_line(const FrameResult& result, std::string& text, const AirRep
   for (const Vortex& v : result.vortices) {
     const auto pixel =
         result.grid.pixel_from_lenslet(static_cast<double>(v.x), static_cast<double>(v.y));
-    vortices.push_back(
-        {{"x", number(v.x)},
-         {"y", number(v.y)},
-         {"charge", v.charge},
-         {"circulation", number(v.circulation)},
-         {"significance", number(v.significance)},
-         {"x_px", pixel[0]},
-         {"y_px", pixel[1]},
-         {"flags", v.flags},
-         {"track", v.track},
-         {"probability", v.probability < 0.0F ? nlohmann::json(nullptr) : number(v.probability)},
-         {"vx", number(v.velocity_x)},
-         {"vy", number(v.velocity_y)}});
+    vortices.push_back({{"x", json_float(v.x)},
+                        {"y", json_float(v.y)},
+                        {"charge", v.charge},
+                        {"circulation", json_float(v.circulation)},
+                        {"significance", json_float(v.significance)},
+                        {"x_px", pixel[0]},
+                        {"y_px", pixel[1]},
+                        {"flags", v.flags},
+                        {"track", v.track},
+                        {"probability", v.probability < 0.0F ? nlohmann::json(nullptr)
+                                                             : json_float(v.probability)},
+                        {"vx", json_float(v.velocity_x)},
+                        {"vy", json_float(v.velocity_y)}});
   }
   auto& latency = line["latency_us"] = nlohmann::ordered_json::object();
   for (std::size_t stage = 0; stage < kStageCount; ++stage)
@@ -61,7 +49,7 @@ void append_json_line(const FrameResult& result, std::string& text, const AirRep
   latency["total"] = microseconds(result.latency.total_ns);
   if (!result.zernike.empty()) {
     auto& zernike = line["zernike"] = nlohmann::ordered_json::array();
-    for (const float coefficient : result.zernike) zernike.emplace_back(number(coefficient));
+    for (const float coefficient : result.zernike) zernike.emplace_back(json_float(coefficient));
   }
   if (air != nullptr) line["air"] = air_json(*air);
   text += line.dump();

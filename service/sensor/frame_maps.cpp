@@ -50,15 +50,15 @@ MeanImage read_map(const std::string& path, const MeanImage& reference, FrameSel
   return map;
 }
 
-void check_dark(const std::string& path, const MeanImage& dark) {
+std::string check_dark(const std::string& path, const MeanImage& dark) {
   const auto mean = converted<float>(dark.mean);
   const DarkFrame measured = measure_dark(mean, variance_of(dark), static_cast<int>(dark.frames));
   const std::string light = find_light_in_dark(mean, measured);
   if (!light.empty())
     throw Failure(fmt::format("{} is not dark: {}; take it with the light off", path, light));
-  fmt::print("{}: a dark of {:.5g} ADU with {:.4g} ADU of noise {}\n", path, measured.level_adu,
-             measured.noise_adu,
-             dark.frames > 1 ? fmt::format("over {} frames", dark.frames) : "between pixels");
+  return fmt::format(
+      "a dark of {:.5g} ADU with {:.4g} ADU of noise {}", measured.level_adu, measured.noise_adu,
+      dark.frames > 1 ? fmt::format("over {} frames", dark.frames) : "between pixels");
 }
 
 void make_bad_pixels(const std::string& dark_path, const FrameSelection& dark_selection,
@@ -66,7 +66,7 @@ void make_bad_pixels(const std::string& dark_path, const FrameSelection& dark_se
                      const std::string& out) {
   constexpr int kAtMostOneIn = 20;
   const MeanImage dark = read_mean_image(dark_path, dark_selection);
-  check_dark(dark_path, dark);
+  fmt::print("{}: {}\n", dark_path, check_dark(dark_path, dark));
   const Image<float> flat = flat_path.empty()
                                 ? Image<float>{}
                                 : converted<float>(read_map(flat_path, dark, flat_selection).mean);

@@ -14,7 +14,7 @@ namespace {
 
 /// Returns how many columns a pane may have, so that three of them and the lines below fit.
 int pane_cols() {
-  constexpr int kBelow = 4;
+  constexpr int kBelow = 5;
   winsize size{};
   if (ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) != 0 || size.ws_col == 0) return 24;
   return std::max(8, std::min((size.ws_col - 6) / 3, 2 * (size.ws_row - kBelow)));
@@ -36,12 +36,14 @@ TerminalWatch::TerminalWatch() {
 
 TerminalWatch::~TerminalWatch() { put("\x1b[?25h\x1b[?1049l"); }
 
-void TerminalWatch::draw(const std::string& status_line) {
+void TerminalWatch::draw(const std::vector<std::string>& lines) {
   if (const FrameCopy* copy = tap_.answer(); copy != nullptr) {
     picture_ = terminal_picture(*copy, pane_cols());
     tap_.ask();
   }
-  put("\x1b[H" + picture_ + status_line + "\x1b[K\n\x1b[J");
+  std::string text = "\x1b[H" + picture_;
+  for (const std::string& line : lines) text += line + "\x1b[K\n";
+  put(text + "\x1b[J");
 }
 
 }  // namespace curlew

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "service/page/frame_tap.h"
 
@@ -19,9 +20,9 @@ class TerminalWatch {
   /// The publisher's thread passes the frames here.
   FrameTap& tap() { return tap_; }
 
-  /// Draws the newest frame if one has come since the last call, and the line below it. Always the
-  /// same thread calls it.
-  void draw(const std::string& status_line);
+  /// Draws the newest frame if one has come since the last call, and at most two lines below it.
+  /// Always the same thread calls it.
+  void draw(const std::vector<std::string>& lines);
 
  private:
   FrameTap tap_;

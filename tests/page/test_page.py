@@ -185,6 +185,12 @@ class Live(Page):
             input.dispatchEvent(new Event('change')); })()""")
         browser.wait("curlew.scene.sensor.configuration.includes('threshold_noise = 6.5')")
         browser.wait("document.getElementById('control-answer').textContent.endsWith('done')")
+        browser.run("""(() => {
+            const input = curlew.control.inputs.get('detect.method').input;
+            if (input.value !== 'auto') throw new Error(input.value);
+            input.value = 'circulation';
+            input.dispatchEvent(new Event('change')); })()""")
+        browser.wait("curlew.scene.sensor.method === 'circulation'")
         for change, why in [({"set": "centroid.threshold_noise", "value": -1}, "must be a number from 0"),
                             ({"set": "daemon.jsonl", "value": "/tmp/x"}, "may not change"),
                             ({"set": "detect.method", "value": "magic"}, "must be one of"),
@@ -200,6 +206,58 @@ class Live(Page):
         browser.wait(f"Number(document.getElementById('frame-number').textContent) > {frame + 50}")
         self.assertIn('page: 127.0.0.1 port', served.text())
         self.assertIn('asked for {"set":"centroid.threshold_noise","value":6.5}', served.text())
+        self.assertEqual(served.close(), 0)
+
+
+    def test_a_reference_is_taken_in_place_and_a_lit_dark_is_refused(self):
+        (self.folder / "place").mkdir()
+        (self.folder / "place.toml").write_text(
+            '[page]\nlisten = "127.0.0.1:0"\ncontrol = true\n[camera]\nframe_rate_hz = 200\n'
+            '[recorder]\nfolder = "place"\n')
+        served = Served(self.folder, "run", "--camera", "sim:plane", "--config", "place.toml",
+                        says="state=streaming")
+        browser = self.browser
+        browser.open(served.url)
+        browser.wait("curlew?.scene.sensor && !document.getElementById('control').hidden")
+        browser.wait("document.getElementById('warning').hidden")
+        self.assertIn("Set hidden_phase = true", browser.text("whole"))
+        self.assertRegex(browser.text("camera-table"), r"beam atcol 7\.\d+, row 7\.\d+beam D4σ18\.\d+ × 18\.\d+ lenslets")
+        sensor = browser.run("curlew.scene.sensor.sensor_hash")
+        says = "document.getElementById('control-calibration').textContent.includes('{}')".format
+        browser.run("document.getElementById('control-frames').value = 20")
+        browser.run("document.getElementById('control-take_dark').click()")
+        browser.wait(says("the old sensor stays: the stack is not dark"))
+        self.assertEqual(os.listdir(self.folder / "place"), [])
+        self.assertEqual(browser.run("curlew.scene.sensor.sensor_hash"), sensor)
+        browser.run("document.getElementById('control-take_reference').click()")
+        browser.wait(says("is in use until curlew ends or reloads"))
+        made = os.listdir(self.folder / "place")
+        self.assertEqual([(n[:7], n[-5:]) for n in made], [("sensor-", ".fits")])
+        browser.wait(f"curlew.scene.sensor.sensor_hash !== '{sensor}'")
+        browser.wait("curlew.scene.frame.result.n_valid === 256")
+        for change, why in [({"do": "take_dark", "frames": 0}, "from 1 to 10000"),
+                            ({"do": "take_dark", "frames": "x"}, "a whole number")]:
+            status, answer = served.post("/control", json.dumps(change))
+            self.assertEqual((status, why in answer), (400, True), answer)
+        self.assertRegex(served.text(), r"page: 127\.0\.0\.1 port \d+ had a reference taken: 20 of the \d+ frames")
+        self.assertEqual(served.close(), 0)
+
+    def test_the_air_is_charted(self):
+        (self.folder / "air.toml").write_text(
+            '[page]\nlisten = "127.0.0.1:0"\n[camera]\nframe_rate_hz = 200\n')
+        served = Served(self.folder, "run", "--camera", "sim:plane", "--config", "air.toml", "--air", "0.5",
+                        says="state=streaming")
+        browser = self.browser
+        browser.open(served.url)
+        browser.wait("curlew?.air.length >= 3 && !document.getElementById('time-r0').hidden")
+        browser.wait("document.getElementById('air-hint').textContent.startsWith('The air in windows of 0.5 s')")
+        windows = browser.run("curlew.air.map((air) => air.last_frame)")
+        self.assertEqual(windows, sorted(set(windows)))
+        drawn = """(() => {
+            const canvas = document.getElementById('time-air');
+            const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+            return data.some((v, i) => i % 4 === 1 && v === 158 && data[i - 1] === 0); })()"""
+        browser.wait(drawn)
         self.assertEqual(served.close(), 0)
 
 
@@ -303,7 +361,7 @@ class Replay(Page):
         browser.wait("!curlew.playing")
 
     def test_the_report_opens_without_a_network_and_tells_the_same(self):
-        run(self.folder, "replay", "beam.fits", "--sensor", "sensor.fits", "--out", "r.fits", "--save",
+        run(self.folder, "replay", "beam.fits", "--sensor", "sensor.fits", "--track", "--out", "r.fits", "--save",
             "flux,phase,whole_phase,circulation", "--jsonl", "r.jsonl", "--report", "report.html")
         report = self.folder / "report.html"
         self.assertLess(report.stat().st_size, 20e6)
@@ -329,6 +387,14 @@ class Replay(Page):
                     np.testing.assert_array_equal(
                         np.nan_to_num(np.array(values, "f4")),
                         np.nan_to_num(results[name].data[n]).ravel(), name)
+            points = browser.run("curlew.status.points")
+            self.assertEqual([(p["frame"], p["vortices"], p["lost"]) for p in points],
+                             [(l["frame"], len(l["vortices"]), l["n_lost"]) for l in lines])
+            self.assertEqual([p["tracks"] for p in points],
+                             [[[v["track"], v["charge"], v["x"], v["y"]] for v in l["vortices"] if v["track"] >= 0]
+                              for l in lines])
+            self.assertTrue(points[-1]["tracks"])
+            self.assertFalse(browser.run("document.getElementById('time-track-x').hidden"))
             total = np.sort(results["LATENCY"].data["TOTAL"])
             self.assertIn(f"{total[-1]:.1f}", browser.text("latency-table"))
             self.assertEqual({u.split(":")[0] for u in browser.urls} - {"blob", "data"}, {"file"})

@@ -20,7 +20,11 @@ struct FakeGigeOptions {
   std::string pixel_format = "Mono16";  ///< one that Curlew reads; a client may set another
   double frame_rate_hz = 100;           ///< a client may set another, up to 10 kHz
   double lost_packet_ratio = 0;
-  bool once = false;   ///< sends every image once per start, then nothing more
+  bool once = false;  ///< sends every image once per start, then nothing more
+  /// The exposure time at which frames are the images; at others, Mono16 pixels are as many times
+  /// brighter or darker, up to saturation. 0: frames do not depend on the exposure.
+  double image_exposure_us = 0;
+  double saturation = 65535;
   std::string vendor;  ///< what it says who made it; empty: Aravis
   /// Says what becomes of the camera's description of itself.
   std::function<std::string(std::string)> edit_description;
@@ -60,6 +64,8 @@ class FakeGigeCamera {
   const int cols_;
   const std::vector<std::vector<std::byte>> images_;
   const bool once_;
+  const double image_exposure_us_;
+  const double saturation_;
   _ArvGvFakeCamera* camera_ = nullptr;
   std::atomic<std::int64_t> frames_sent_{0};
 };

@@ -4,6 +4,7 @@
 // counted on, is frame ((s − 65401) mod 65535) mod N of the recording's N
 // (FakeGigeCamera::image_of).
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
@@ -24,6 +25,9 @@ int serve(const std::string& recording, const curlew::FakeGigeOptions& options) 
     images.emplace_back(frame.data(), frame.data() + source.format().bytes());
   curlew::FakeGigeOptions served = options;
   served.pixel_format = source.format().pixel_type == curlew::PixelType::kU8 ? "Mono8" : "Mono16";
+
+  if (std::isfinite(source.detector().saturation_adu))
+    served.saturation = source.detector().saturation_adu;
 
   // The signals are blocked before there are threads, so that only sigwait() gets them.
   sigset_t ends;
@@ -51,6 +55,8 @@ int main(int argc, char** argv) {
   app.add_option("--serial", options.serial, "the device id is Aravis-Fake-<serial>");
   app.add_option("--rate", options.frame_rate_hz, "frames a second; a client may set another");
   app.add_option("--lost-ratio", options.lost_packet_ratio, "share of packets that get lost");
+  app.add_option("--exposure-us", options.image_exposure_us,
+                 "exposure time at which the frames are as recorded; without it they never change");
   app.add_flag("--once", options.once, "every frame once a start, then nothing more");
   CLI11_PARSE(app, argc, argv);
   try {

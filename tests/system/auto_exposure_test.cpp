@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -12,11 +13,20 @@
 namespace curlew {
 namespace {
 
+/// The tests with a GigE Vision camera, whose ExposureTime is a register of GenICam.
+using AutoExposureOverGige = Daemon;
+
 struct Watched {
   std::vector<nlohmann::json> lines;
   std::int64_t changes = 0;
   std::string err;
 };
+
+std::int64_t count_of(const std::string& text, const std::string& what) {
+  std::int64_t n = 0;
+  for (std::size_t at = text.find(what); at != std::string::npos; at = text.find(what, at + 1)) ++n;
+  return n;
+}
 
 /// Runs the daemon for five seconds on a simulated camera with this exposure; 1000 us is right.
 Watched watch(const std::string& exposure_us, const std::string& more = "") {
@@ -28,10 +38,7 @@ Watched watch(const std::string& exposure_us, const std::string& more = "") {
   const ProgramRun run = run_curlew(scratch, "run --config c.toml --jsonl lines.jsonl --seconds 5");
   EXPECT_EQ(run.exit_code, 0) << run.err;
   Watched watched{.lines = json_lines(scratch / "lines.jsonl"), .err = run.err};
-  const std::string change = "us instead of";
-  for (std::size_t at = run.err.find(change); at != std::string::npos;
-       at = run.err.find(change, at + 1))
-    ++watched.changes;
+  watched.changes = count_of(run.err, "us instead of");
   return watched;
 }
 
@@ -56,6 +63,30 @@ TEST(AutoExposure, SettlesWithinTwoSecondsFromAHundredTimesTooMuchAndTooLittle) 
     EXPECT_EQ(std::count(valid.begin(), valid.end(), 256), std::ssize(valid)) << watched.err;
     EXPECT_GE(watched.changes, 2) << watched.err;
     EXPECT_LE(watched.changes, 6) << watched.err;
+  }
+}
+
+TEST_F(AutoExposureOverGige, SetsTheExposureTimeOfAGenicamCamera) {
+  const std::string size = "--rows 12 --cols 12 --window 8 --bits 14 --photons 20000 ";
+  run("simulate --preset plane " + size + "--frames 20 --out ref.fits");
+  run("calibrate ref.fits --out sensor.fits");
+  const auto server = serve({"--rate", "100", "--exposure-us", "10000"}, "ref.fits");
+  for (const std::string exposure_us : {"100", "90000"}) {
+    write_bytes(scratch_ / "c.toml",
+                "[camera]\nsource = \"aravis:Aravis-Fake-CURLEW\"\nauto_exposure = true\n"
+                "exposure_us = " +
+                    exposure_us + "\n[daemon]\nsensor = \"" + (scratch_ / "sensor.fits") + "\"\n");
+    std::filesystem::remove(scratch_ / "lines.jsonl");
+    const ProgramRun ran =
+        run_curlew(scratch_, "run --config c.toml --jsonl lines.jsonl --seconds " +
+                                 std::string(kSanitized ? "6" : "3"));
+    ASSERT_EQ(ran.exit_code, 0) << ran.err;
+    const std::vector<nlohmann::json> lines = json_lines(scratch_ / "lines.jsonl");
+    ASSERT_FALSE(lines.empty()) << ran.err;
+    EXPECT_NE(ran.err.find(" us instead of " + exposure_us), std::string::npos) << ran.err;
+    EXPECT_EQ(lines.back()["n_valid"], 144) << ran.err;
+    EXPECT_GE(count_of(ran.err, "us instead of"), 1) << ran.err;
+    EXPECT_LE(count_of(ran.err, "us instead of"), 6) << ran.err;
   }
 }
 

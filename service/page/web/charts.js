@@ -24,8 +24,8 @@ function drawFrame(context, width, height, low, high, unit) {
 }
 
 // series: [{name, colour, values}] of one length; a value that is no number leaves a gap. x: the
-// numbers of the frames. signed: else the axis begins at 0.
-export function drawLines(canvas, series, unit, x, isSigned = false) {
+// numbers of the frames. signed: else the axis begins at 0. now: which of them is shown; none: the last.
+export function drawLines(canvas, series, unit, x, isSigned = false, now = null) {
   const {context, width, height} = sharpContext(canvas);
   const all = series.flatMap((s) => s.values.filter((v) => Number.isFinite(v)));
   if (all.length === 0) return;
@@ -43,6 +43,8 @@ export function drawLines(canvas, series, unit, x, isSigned = false) {
       if (!Number.isFinite(v)) drawing = false;
       else if (drawing) context.lineTo(kLeft + 2 + i * step, at(v));
       else context.moveTo(kLeft + 2 + i * step, at(v));
+      const isAlone = !Number.isFinite(values[i - 1]) && !Number.isFinite(values[i + 1]);
+      if (isAlone && Number.isFinite(v)) context.rect(kLeft + 1 + i * step, at(v) - 1, 2, 2);
       drawing = Number.isFinite(v);
     });
     context.lineWidth = 1.5;
@@ -55,10 +57,47 @@ export function drawLines(canvas, series, unit, x, isSigned = false) {
     context.textBaseline = 'top';
     context.fillText(`${which === 1 ? '╌' : '─'} ${name}`, width - 4 - 90 * which, 2);
   });
+  drawFrames(context, width, height, x, now);
+}
+
+// Says which frames there are, and marks the one that is shown.
+function drawFrames(context, width, height, x, now) {
   context.fillStyle = themeColour('--muted');
   context.textAlign = 'right';
   context.textBaseline = 'bottom';
   context.fillText(`frames ${x[0]} … ${x.at(-1)}`, width - 4, height);
+  if (now === null || now < 0) return;
+  const at = kLeft + 2 + now * (width - kLeft - 6) / Math.max(1, x.length - 1);
+  context.fillRect(at - 0.5, 4, 1, height - kBottom - 4);
+}
+
+// points: [{frame, tracks: [[track, charge, x, y] …]}]; which: 2 draws x of the tracks, 3 draws y.
+// Negative ones are dashed. A track that pauses leaves a gap.
+export function drawTrackLines(canvas, points, which, unit, most, now) {
+  const {context, width, height} = sharpContext(canvas);
+  const at = drawFrame(context, width, height, -0.5, most - 0.5, unit);
+  const step = (width - kLeft - 6) / Math.max(1, points.length - 1);
+  const last = new Map();
+  for (const charge of [1, -1]) {
+    context.beginPath();
+    context.setLineDash(charge < 0 ? [4, 2] : []);
+    context.strokeStyle = charge > 0 ? '#d55e00' : '#0072b2';
+    context.lineWidth = 1.5;
+    points.forEach((point, i) => {
+      for (const track of point.tracks) {
+        if (track[1] !== charge) continue;
+        const before = last.get(track[0]);
+        const here = [kLeft + 2 + i * step, at(track[which])];
+        if (before?.i === i - 1) context.moveTo(...before.here);
+        else context.moveTo(here[0] - 1, here[1]);
+        context.lineTo(...here);
+        last.set(track[0], {i, here});
+      }
+    });
+    context.stroke();
+  }
+  context.setLineDash([]);
+  drawFrames(context, width, height, points.map((p) => p.frame), now);
 }
 
 // coefficients: [{j, rad}]. Returns which bar is at which x, for readouts.
@@ -109,7 +148,7 @@ export function drawHistogram(canvas, {edges_us, counts}) {
     context.fillStyle = themeColour('--accent');
     if (counts[i] > 0) context.fillRect(x + 0.5, at(counts[i]), step - 1, height - kBottom - at(counts[i]));
     context.fillStyle = themeColour('--muted');
-    if ((i - from) % every === 0) context.fillText(short(edges_us[i]), x, height);
+    if ((i - from) % every === 0 && x < width - 16) context.fillText(short(edges_us[i]), x, height);
   }
   return (sx) => {
     const i = from + Math.floor((sx - kLeft) / step);

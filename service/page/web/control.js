@@ -13,10 +13,13 @@ export function settingsOf(toml) {
   return settings;
 }
 
+// Texts in TOML stand in quotes of either kind.
+const isText = (toml) => /^["']/.test(toml);
+const shownOf = (toml) => toml.replace(/^(["'])(.*)\1$/, '$2');
+
 // Reads what the user wrote as a value of the kind that the setting has.
 function valueFrom(text, toml) {
-  if (toml.startsWith('"')) return text;
-  return JSON.parse(text);
+  return isText(toml) ? text : JSON.parse(text);
 }
 
 export class ControlPanel {
@@ -39,9 +42,12 @@ export class ControlPanel {
       row.insertCell().append(input);
       this.inputs.set(name, {input, toml: ''});
     }
-    for (const act of ['record', 'pause_recording', 'trigger', 'expose'])
+    this.frames = document.getElementById('control-frames');
+    for (const act of ['record', 'pause_recording', 'trigger', 'expose', 'take_dark', 'take_reference']) {
+      const frames = () => (act.startsWith('take') ? {frames: Number(this.frames.value)} : {});
       document.getElementById(`control-${act}`).addEventListener('click',
-        () => this.ask({do: act}, act.replace('_', ' ')));
+        () => this.ask({do: act, ...frames()}, act.replace('_', ' ')));
+    }
   }
 
   // Shows the values of a configuration, except where the user is writing.
@@ -50,12 +56,12 @@ export class ControlPanel {
     for (const [name, entry] of this.inputs) {
       entry.toml = settings[name] ?? '';
       if (document.activeElement !== entry.input)
-        entry.input.value = entry.toml.replace(/^"(.*)"$/, '$1');
+        entry.input.value = shownOf(entry.toml);
     }
   }
   async change(name) {
     const {input, toml} = this.inputs.get(name);
-    if (input.value === toml.replace(/^"(.*)"$/, '$1')) return;
+    if (input.value === shownOf(toml)) return;
     let value;
     try {
       value = valueFrom(input.value, toml);
@@ -63,7 +69,7 @@ export class ControlPanel {
       this.answer.textContent = `${name}: '${input.value}' is no number, true or false`;
       return;
     }
-    this.inputs.get(name).toml = toml.startsWith('"') ? `"${value}"` : input.value;
+    this.inputs.get(name).toml = isText(toml) ? `"${value}"` : input.value;
     await this.ask({set: name, value}, `${name} = ${input.value}`);
   }
   async ask(what, words) {

@@ -141,6 +141,24 @@ export function pixelFromLenslet(sensor, x, y) {
   return [sensor.origin_px[0] + p11 * x + p12 * y, sensor.origin_px[1] + p21 * x + p22 * y];
 }
 
+// A cross at the beam's centroid and the ellipse of its D4σ, in lenslet units.
+export function drawBeam(context, view, beam) {
+  if (beam.without) return;
+  const [x, y] = view.toScreen(beam.x, beam.y);
+  for (const [width, style] of [[4, 'rgba(0,0,0,0.6)'], [2, '#ffffff']]) {
+    context.lineWidth = width;
+    context.strokeStyle = style;
+    context.beginPath();
+    context.ellipse(x, y, beam.d4sigma_x / 2 * view.scale, beam.d4sigma_y / 2 * view.scale, 0, 0,
+      2 * Math.PI);
+    context.moveTo(x - 6, y);
+    context.lineTo(x + 6, y);
+    context.moveTo(x, y - 6);
+    context.lineTo(x, y + 6);
+    context.stroke();
+  }
+}
+
 // Circles with the sign inside. place(x, y) takes lenslet units to the view's; pitch is in those.
 export function drawVortices(context, view, vortices, place, pitch) {
   const radius = Math.max(6, 0.45 * pitch * view.scale);

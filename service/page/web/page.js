@@ -3,7 +3,7 @@ import { kStates } from './colours.js';
 import { short } from './canvas.js';
 import { HttpSource, ReportSource } from './sources.js';
 import { LensletHistory, drawLensletWindow, lensletFacts, nmOf, signed } from './lenslet.js';
-import { drawHistogram, drawLines, drawZernike } from './charts.js';
+import { drawHistogram, drawLines, drawTrackLines, drawZernike } from './charts.js';
 import { ControlPanel } from './control.js';
 import { kLensletMaps, LensletPanel, Scene, SpotsPanel } from './panels.js';
 
@@ -22,6 +22,7 @@ class Page {
       this.panels.push(new LensletPanel(this.scene, kind, this.camera));
     this.lenslets = new LensletHistory();
     this.history = [];
+    this.air = [];
     this.playing = true;
     this.position = 0;
     this.frames = 0;
@@ -148,7 +149,8 @@ class Page {
       tails.clear();
     }
     this.history.push({frame: result.frame, vortices: result.vortices.length, rms: figures.rms_rad,
-      scintillation: figures.scintillation, lost: result.n_lost, valid: result.n_valid});
+      scintillation: figures.scintillation, lost: result.n_lost,
+      tracks: result.vortices.filter((v) => v.track >= 0).map((v) => [v.track, v.charge, v.x, v.y])});
     if (this.history.length > kHistory) this.history.shift();
     this.lenslets.add(frame);
     const seen = new Set();
@@ -167,19 +169,55 @@ class Page {
     const {frame} = this.scene;
     if (!frame) return;
     byId('frame-number').textContent = frame.result.frame;
-    byId('whole').hidden = !frame.maps.whole_phase_rad;
     for (const panel of this.panels) panel.show();
     this.drawLenslet();
     this.drawTables();
     this.zernike = drawZernike(byId('zernike'), frame.zernike);
     if (this.latency?.total) this.histogram = drawHistogram(byId('histogram'), this.latency.total);
-    const numbers = this.history.map((h) => h.frame);
+    this.drawTime();
+    this.drawAir();
+  }
+
+  // Over time: all frames of a replay, once they are there; else those that were shown.
+  drawTime() {
+    const points = this.status.points ?? this.history;
+    const {frame, sensor} = this.scene;
+    const numbers = points.map((h) => h.frame);
+    const now = this.status.points ? numbers.indexOf(frame.result.frame) : null;
     const line = (id, name, colour, unit, key) => drawLines(byId(id),
-      [{name, colour, values: this.history.map((h) => h[key] ?? NaN)}], unit, numbers);
+      [{name, colour, values: points.map((h) => h[key] ?? NaN)}], unit, numbers, false, now);
     line('time-vortices', 'vortices', '#d55e00', '', 'vortices');
     line('time-rms', 'wavefront rms', '#0072b2', 'rad', 'rms');
     line('time-scintillation', 'scintillation', '#009e73', '⟨F²⟩/⟨F⟩² − 1', 'scintillation');
     line('time-lenslets', 'lenslets lost', '#cc79a7', '', 'lost');
+    const none = !points.some((point) => point.tracks.length > 0);
+    for (const [id, which, unit, most] of [['time-track-x', 2, 'col of tracks', sensor.cols],
+      ['time-track-y', 3, 'row of tracks; dashed: −', sensor.rows]]) {
+      byId(id).hidden = none;
+      if (!none) drawTrackLines(byId(id), points, which, unit, most, now);
+    }
+  }
+
+  // A window of the air that the daemon has measured, once.
+  rememberAir(air) {
+    if (air.last_frame === this.air.at(-1)?.last_frame) return;
+    this.air.push(air);
+    if (this.air.length > kHistory) this.air.shift();
+  }
+  drawAir() {
+    const windows = this.air.map((air) => air.last_frame);
+    for (const id of ['time-r0', 'time-air']) byId(id).hidden = windows.length === 0;
+    byId('air-hint').hidden = windows.length === 0;
+    if (windows.length === 0) return;
+    const of = (key, factor = 1) => this.air.map((air) => (air[key]?.value ?? NaN) * factor);
+    const inMm = Number.isFinite(this.scene.sensor.optics.pitch_um);
+    drawLines(byId('time-r0'), [{name: 'r0', colour: '#0072b2',
+      values: inMm ? of('r0_m', 1000) : of('r0_pitches')}], inMm ? 'mm' : 'pitches', windows);
+    drawLines(byId('time-air'), [{name: 'scintillation index', colour: '#009e73',
+      values: of('scintillation_index')}], '⟨I²⟩/⟨I⟩² − 1 in time', windows);
+    const {frames, seconds, without_r0: without, r0_m: r0} = this.air.at(-1);
+    byId('air-hint').textContent = `The air in windows of ${seconds.toFixed(1)} s; the last has ${frames} frames`
+      + (without ? `. ${without}` : r0?.value ? `, r0 ${short(1000 * r0.value)} ± ${short(1000 * r0.error)} mm` : '');
   }
 
   drawLenslet() {
@@ -207,10 +245,10 @@ class Page {
     const stages = this.latency?.stages ?? [];
     fillTable('latency-table', [['µs', 'p50', 'p90', 'p99', 'max'], ...stages.map(
       (s) => [s.name, ...[s.p50_us, s.p90_us, s.p99_us, s.max_us].map((v) => v.toFixed(1))]),
-    [`of ${this.latency?.frames ?? 0} frames`, '', '', '', '']], true);
+    [`of ${this.latency?.frames ?? 0} frames`]], true);
     const frameRows = [['lenslets with a slope', result.n_valid], ['lenslets lost', result.n_lost],
       ['lenslets saturated', figures.n_saturated], ['level', `${short(figures.level_adu)} ADU`],
-      ['noise', `${short(figures.noise_adu)} ADU rms`], ['light', `${short(figures.flux_adu)} ADU`],
+      ['noise', `${short(figures.noise_adu)} ADU rms`], ...beamRows(figures.beam), ['light', `${short(figures.flux_adu)} ADU`],
       ['sequence', result.sequence], ['frames dropped', result.dropped]];
     fillTable('camera-table', [...this.cameraRows(), ...frameRows]);
   }
@@ -248,6 +286,12 @@ class Page {
   showStatus(status) {
     if (!status) return;
     this.daemon = status;
+    const warning = this.scene.frame ? status.beam?.warning
+      : `There is no frame yet: ${status.state}${status.reason ? `, ${status.reason}` : ''}`;
+    byId('warning').textContent = warning ?? '';
+    byId('warning').hidden = !warning;
+    byId('control-calibration').textContent = status.calibration ?? '';
+    if (status.air) this.rememberAir(status.air);
     this.setState(status.state, status.state === 'streaming', status.reason);
     byId('rate').textContent = `${status.frames_per_s.toFixed(0)} frames/s`;
     if (this.scene.frame) this.drawTables();
@@ -317,6 +361,15 @@ class Page {
   }
 }
 
+function beamRows(beam) {
+  if (beam.without) return [['beam', beam.without]];
+  const size = [['beam D4σ', `${beam.d4sigma_x.toFixed(2)} × ${beam.d4sigma_y.toFixed(2)} lenslets`]];
+  if (beam.d4sigma_x_mm !== null)
+    size.push(['on the array', `${short(beam.d4sigma_x_mm)} × ${short(beam.d4sigma_y_mm)} mm`]);
+  return [['beam at', `col ${beam.x.toFixed(2)}, row ${beam.y.toFixed(2)}`], ...size,
+    ['light at the rim', `${(100 * beam.rim).toFixed(1)} %`]];
+}
+
 // rows: [[name, value …]]; heads: whether the first row is one of headings.
 function fillTable(id, rows, heads = false) {
   const body = document.createElement('tbody');
@@ -327,6 +380,7 @@ function fillTable(id, rows, heads = false) {
       cell.textContent = text;
       line.append(cell);
     }
+    if (row.length < rows[0].length) line.lastChild.colSpan = 1 + rows[0].length - row.length;
   });
   byId(id).replaceChildren(body);
 }

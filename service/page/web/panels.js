@@ -1,7 +1,7 @@
 // The panels with maps: the detector, and the maps of lenslets and cells.
 import { kRamps, themeColour } from './colours.js';
 import { MapView, short } from './canvas.js';
-import { ArrayPicture, drawArrows, drawSpots, drawTracks, drawVortices, drawWindows,
+import { ArrayPicture, drawArrows, drawBeam, drawSpots, drawTracks, drawVortices, drawWindows,
   pixelFromLenslet, quantiles, slopeArrows } from './maps.js';
 import { lensletFacts, nmOf, signed } from './lenslet.js';
 import { saveFits, savePng } from './files.js';
@@ -184,6 +184,13 @@ export class LensletPanel extends MapPanel {
       () => this.map() && {cols: scene.sensor.cols, rows: scene.sensor.rows}, ['col', 'row'],
       (x, y) => [x, y], {bar: () => this.bar()}), camera);
     this.shift = shift;
+    this.missing = element('p', {class: 'hint'}, kind.missing ?? '');
+    this.missing.hidden = true;
+    this.canvas.before(this.missing);
+  }
+  show() {
+    this.missing.hidden = !this.kind.missing || Boolean(this.map());
+    super.show();
   }
   map() { return this.scene.frame?.maps[this.kind.map]; }
   counts(k) {
@@ -213,6 +220,7 @@ export class LensletPanel extends MapPanel {
     this.picture.draw(context, moved, this.map(), table, (v) => (v - low) / (high - low),
       (k) => this.counts(k));
     if (this.on.arrows) drawArrows(context, view, slopeArrows(frame), 1, '#f0e442');
+    if (this.on.beam) drawBeam(context, view, frame.figures.beam);
     const place = (x, y) => [x, y];
     if (this.on.vortices) {
       drawVortices(context, view, frame.result.vortices, place, 1);
@@ -254,9 +262,10 @@ export const kLensletMaps = [
   {id: 'phase', title: 'Phase', map: 'phase_rad', counts: 'slope_valid', signed: true, unit: 'rad',
     nm: true, choices: [['arrows', 'slopes', false]]},
   {id: 'whole', title: 'Whole phase', map: 'whole_phase_rad', counts: 'slope_valid', signed: true,
-    unit: 'rad', nm: true, choices: [kVortices]},
+    unit: 'rad', nm: true, choices: [kVortices],
+    missing: 'Set hidden_phase = true in section [split] to see the phase with what vortices add.'},
   {id: 'circulation', title: 'Circulation', map: 'circulation_rad', counts: 'circulation_valid',
     signed: true, unit: 'rad', cells: true, choices: [kVortices]},
   {id: 'flux', title: 'Flux', map: 'flux_adu', counts: 'lit', signed: false, unit: 'ADU',
-    choices: [['vortices', 'vortices', false]]},
+    choices: [['beam', 'beam', true], ['vortices', 'vortices', false]]},
 ];

@@ -182,6 +182,15 @@ TEST(FrameStore, ThinsOutEvenly) {
   EXPECT_EQ(status["latency"]["frames"], 100);
   for (int i = 0; i < 13; ++i) EXPECT_EQ(Opened(store.frame(i, {})).json["result"]["frame"], 8 * i);
   EXPECT_EQ(store.frame(13, {}), nullptr);
+  ASSERT_EQ(status["points"].size(), 13U);
+  for (std::size_t i = 0; i < 13; ++i) {
+    const auto frame = Opened(store.frame(static_cast<std::int64_t>(i), {})).json;
+    const auto& point = status["points"][i];
+    EXPECT_EQ(point["frame"], frame["result"]["frame"]);
+    EXPECT_EQ(point["vortices"], frame["result"]["vortices"].size());
+    EXPECT_EQ(point["rms"], frame["figures"]["rms_rad"]);
+    EXPECT_EQ(point["scintillation"], frame["figures"]["scintillation"]);
+  }
 }
 
 TEST(LatencySummaries, AreOrderStatistics) {

@@ -1,0 +1,21 @@
+// This file declares how a float stands in JSON.
+#pragma once
+
+#include <charconv>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace curlew {
+
+/// Returns the shortest decimals that read back as the same float, or null for a number that is not
+/// finite, because JSON has none.
+inline nlohmann::json json_float(float value) {
+  if (!std::isfinite(value)) return nullptr;
+  char text[32];
+  const auto end = std::to_chars(text, text + sizeof text, value);
+  double shortest = 0.0;
+  std::from_chars(text, end.ptr, shortest);
+  return shortest;
+}
+
+}  // namespace curlew
