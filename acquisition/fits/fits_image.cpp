@@ -235,10 +235,8 @@ const FitsFile::Handle::PixelPlace& FitsFile::Handle::find_pixels() {
   std::array<LONGLONG, kMaxAxes> axes{};
   fits_get_img_dim(opened, &naxis, &status);
   fits_get_img_sizell(opened, kMaxAxes, axes.data(), &status);
-  LONGLONG head = 0;
   LONGLONG data = 0;
-  LONGLONG end = 0;
-  fits_get_hduaddrll(opened, &head, &data, &end, &status);
+  fits_get_hduaddrll(opened, nullptr, &data, nullptr, &status);
   check(status, "read the type of its pixels");
   place.data = data;
   place.elements = naxis > 0 ? 1 : 0;
