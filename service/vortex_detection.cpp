@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "service/spot_camera.h"
 
@@ -51,6 +52,16 @@ VortexDetectionWorkspace::VortexDetectionWorkspace(const VortexDetectionPlan& pl
   if (plan.classifier()) classifier.emplace(*plan.classifier());
 }
 
+bool filter_alike(const VortexDetectionPlan& a, const VortexDetectionPlan& b) {
+  return a.whitened() && b.whitened() && filter_alike(*a.whitened(), *b.whitened());
+}
+
+void exchange_filtered(VortexDetectionWorkspace& a, VortexDetectionWorkspace& b) noexcept {
+  if (!a.whitened || !b.whitened) return;
+  std::swap(a.whitened->lit, b.whitened->lit);
+  std::swap(a.whitened->planes, b.whitened->planes);
+}
+
 void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const FrameLevels* levels,
                        const Centroids& centroids, const SlopeField& slopes,
                        const CirculationMap& circulation, VortexDetectionWorkspace& workspace,
@@ -60,7 +71,7 @@ void detect_candidates(const VortexDetectionPlan& plan, FrameView frame, const F
                              circulation, *workspace.classifier, candidates);
   } else if (plan.whitened() && workspace.whitened) {
     const Image<std::uint8_t>& lenslets = plan.whitened()->lenslet_valid();
-    for (std::size_t k = 0; k < lenslets.size(); ++k)
+    for (std::size_t k = 0; k < lenslets.size() && !workspace.whitened->is_filled; ++k)
       workspace.whitened->lit[k] =
           lenslets[k] != 0 && centroids.state[k] != LensletState::kLost ? 1 : 0;
     find_whitened_vortices(*plan.whitened(), slopes, centroids.flux_adu, circulation,

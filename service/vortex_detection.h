@@ -54,6 +54,13 @@ struct VortexDetectionWorkspace {
   std::optional<ClassifierWorkspace> classifier;
 };
 
+/// Says whether two plans for one sensor differ at most in how many false alarms they allow to the
+/// whitened filter.
+bool filter_alike(const VortexDetectionPlan& a, const VortexDetectionPlan& b);
+
+/// Exchanges what the filter made of a frame, where there is one.
+void exchange_filtered(VortexDetectionWorkspace& a, VortexDetectionWorkspace& b) noexcept;
+
 /// Finds the candidates of one frame and fills `candidates` anew. Never allocates. levels: those
 /// that the centroids were measured with, or null. slopes: must include weak ones
 /// (measure_weak_slopes); circulation: theirs.

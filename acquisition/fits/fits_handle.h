@@ -11,6 +11,7 @@
 #include "acquisition/fits/file_descriptor.h"
 #include "acquisition/fits/fits_card.h"
 #include "acquisition/fits/fits_file.h"
+#include "acquisition/fits/plain_pixels.h"
 #include "acquisition/fits/unpacking_process.h"
 
 namespace curlew {
@@ -31,6 +32,19 @@ struct FitsFile::Handle {
   bool rest_is_damaged = false;        ///< one more HDU begins behind them, and is cut off
   std::unique_ptr<UnpackingProcess> unpacking;  ///< once compressed pixels were read
 
+  /// The image that pixels were last read of.
+  struct PixelPlace {
+    int hdu = 0;                ///< counts from 1; 0: none
+    int bits = 0;               ///< BITPIX
+    bool compressed = false;    ///< tile by tile
+    std::int64_t elements = 0;  ///< of the image
+    std::int64_t data = 0;      ///< where they begin in the file
+    double zero = 0.0;          ///< BZERO
+    double scale = 1.0;         ///< BSCALE
+  };
+  PixelPlace pixels;
+  SequentialReader reader;
+
   std::string card;  ///< what key_value() read
 
   void* memory = nullptr;  ///< the bytes of a file in memory, allocated by calloc
@@ -46,6 +60,12 @@ struct FitsFile::Handle {
   /// Returns the value of a key of the selected HDU, none if there is no such key. Its text is
   /// valid until the next call.
   CardValue key_value(const std::string& name);
+  /// Returns where the pixels of the selected HDU are.
+  const PixelPlace& find_pixels();
+  /// Reads pixels past cfitsio, if they are in the file as they are asked for. Returns false if
+  /// they are not.
+  template <typename T>
+  bool read_plain(const PixelPlace& place, std::int64_t first, std::span<T> into);
   /// Reads compressed pixels in another process. Throws Failure if that cannot read them.
   void unpack(const UnpackingProcess::Request& request, std::span<std::byte> into);
   /// Throws the Failure for a cfitsio status other than 0, as one sentence about `doing`

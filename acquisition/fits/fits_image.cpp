@@ -222,6 +222,56 @@ ImageInfo FitsFile::image() {
   return info;
 }
 
+const FitsFile::Handle::PixelPlace& FitsFile::Handle::find_pixels() {
+  fitsfile* opened = cfits(file);
+  int hdu = 0;
+  fits_get_hdu_num(opened, &hdu);
+  if (hdu == pixels.hdu && reading()) return pixels;
+  PixelPlace place{.hdu = hdu};
+  int status = 0;
+  fits_get_img_type(opened, &place.bits, &status);
+  place.compressed = fits_is_compressed_image(opened, &status) != 0;
+  int naxis = 0;
+  std::array<LONGLONG, kMaxAxes> axes{};
+  fits_get_img_dim(opened, &naxis, &status);
+  fits_get_img_sizell(opened, kMaxAxes, axes.data(), &status);
+  LONGLONG data = 0;
+  fits_get_hduaddrll(opened, nullptr, &data, nullptr, &status);
+  check(status, "read the type of its pixels");
+  place.data = data;
+  place.elements = naxis > 0 ? 1 : 0;
+  for (int i = 0; i < std::min(naxis, kMaxAxes); ++i)
+    place.elements = saturating_product(place.elements, axes.at(static_cast<std::size_t>(i)));
+  const auto number = [&](const char* key, double& value) {
+    int missing = 0;
+    fits_read_key(opened, TDOUBLE, key, &value, nullptr, &missing);
+    if (missing != 0) fits_clear_errmsg();
+  };
+  number("BZERO", place.zero);
+  number("BSCALE", place.scale);
+  return pixels = place;
+}
+
+template <typename T>
+bool FitsFile::Handle::read_plain(const PixelPlace& place, std::int64_t first, std::span<T> into) {
+  constexpr bool kByte = std::is_same_v<T, std::uint8_t>;
+  constexpr bool kUnsigned = std::is_same_v<T, std::uint16_t>;
+  if constexpr (kByte || kUnsigned || std::is_same_v<T, std::int16_t>) {
+    const auto n = static_cast<std::int64_t>(into.size());
+    if (!reading() || place.compressed || place.bits != static_cast<int>(8 * sizeof(T)) ||
+        place.scale != 1.0 || place.zero != (kUnsigned ? 32768.0 : 0.0) || first < 0 ||
+        first > place.elements - n)
+      return false;
+    const std::int64_t at = place.data + first * static_cast<std::int64_t>(sizeof(T));
+    if (!reader.read(source.get(), at, std::as_writable_bytes(into)))
+      fail("cannot be read: it became shorter, or its disk fails");
+    if constexpr (!kByte)
+      order_bytes({reinterpret_cast<std::uint16_t*>(into.data()), into.size()}, kUnsigned);
+    return true;
+  }
+  return false;
+}
+
 void FitsFile::Handle::unpack(const UnpackingProcess::Request& request, std::span<std::byte> into) {
   if (!unpacking) unpacking = std::make_unique<UnpackingProcess>(source.get());
   const UnpackingProcess::Outcome outcome = unpacking->read(request, into);
@@ -240,31 +290,27 @@ void FitsFile::Handle::unpack(const UnpackingProcess::Request& request, std::spa
 
 template <typename T>
 void FitsFile::read_pixels(std::int64_t first, std::span<T> into) {
-  fitsfile* file = cfits(handle_->file);
-  int status = 0;
-  int stored_type = 0;
-  fits_get_img_type(file, &stored_type, &status);
-  const bool compressed = fits_is_compressed_image(file, &status) != 0;
-  handle_->check(status, "read the type of its pixels");
+  const Handle::PixelPlace& place = handle_->find_pixels();
+  if (handle_->read_plain(place, first, into)) return;
   // We replace only undefined integers; floats keep their own NaN and infinity. A compressed float
   // image stores NaN as an undefined integer too.
-  const bool undefined_is_nan = std::is_floating_point_v<T> && (stored_type > 0 || compressed);
-  if (compressed && handle_->reading()) {
-    int hdu = 0;
-    fits_get_hdu_num(file, &hdu);
-    handle_->unpack({.hdu = hdu - 1,
+  const bool undefined_is_nan = std::is_floating_point_v<T> && (place.bits > 0 || place.compressed);
+  if (place.compressed && handle_->reading()) {
+    handle_->unpack({.hdu = place.hdu - 1,
                      .datatype = datatype<T>(),
                      .first = first,
                      .bytes = static_cast<std::int64_t>(into.size_bytes()),
                      .elements = static_cast<std::int64_t>(into.size()),
+                     .in_image = place.elements,
                      .undefined_is_nan = undefined_is_nan},
                     std::as_writable_bytes(into));
     return;
   }
+  int status = 0;
   T nan{};
   if constexpr (std::is_floating_point_v<T>) nan = std::numeric_limits<T>::quiet_NaN();
   int any_undefined = 0;  // cfitsio writes to it whether we want it or not.
-  fits_read_img(file, datatype<T>(), first + 1, static_cast<LONGLONG>(into.size()),
+  fits_read_img(cfits(handle_->file), datatype<T>(), first + 1, static_cast<LONGLONG>(into.size()),
                 undefined_is_nan ? &nan : nullptr, into.data(), &any_undefined, &status);
   handle_->check(status, "read its pixels");
 }

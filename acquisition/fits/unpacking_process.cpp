@@ -10,6 +10,7 @@
 #include <chrono>
 #include <csignal>
 #include <system_error>
+#include <vector>
 
 #include "acquisition/fits/unpacking_protocol.h"
 #include "core/error.h"
@@ -118,16 +119,41 @@ UnpackingProcess::Outcome UnpackingProcess::outcome_of_death() {
                                                                          : Outcome::kDamaged;
 }
 
-UnpackingProcess::Outcome UnpackingProcess::read(const Request& request,
-                                                 std::span<std::byte> into) {
+bool UnpackingProcess::ask(const Request& request) {
+  return send(socket_.get(), &request, sizeof(request), MSG_NOSIGNAL) ==
+         static_cast<ssize_t>(sizeof(request));
+}
+
+UnpackingProcess::Outcome UnpackingProcess::receive_answer(std::span<std::byte> into) {
   UnpackReply reply{};
-  const bool sent = send(socket_.get(), &request, sizeof(request), MSG_NOSIGNAL) ==
-                    static_cast<ssize_t>(sizeof(request));
-  if (!sent || !receive(socket_.get(), std::as_writable_bytes(std::span(&reply, 1))))
+  if (!receive(socket_.get(), std::as_writable_bytes(std::span(&reply, 1))))
     return outcome_of_death();
   if (reply == UnpackReply::kTooLarge) return Outcome::kTooLarge;
   if (reply != UnpackReply::kElementsFollow) return Outcome::kDamaged;
   return receive(socket_.get(), into) ? Outcome::kRead : outcome_of_death();
+}
+
+UnpackingProcess::Outcome UnpackingProcess::read(const Request& request,
+                                                 std::span<std::byte> into) {
+  if (ahead_ && *ahead_ != request) {
+    std::vector<std::byte> unwanted(static_cast<std::size_t>(ahead_->bytes));
+    const Outcome outcome = receive_answer(unwanted);
+    if (outcome != Outcome::kRead) return outcome;
+    ahead_.reset();
+  }
+  const bool asked = ahead_.has_value() || ask(request);
+  ahead_.reset();
+  if (!asked) return outcome_of_death();
+  const Outcome outcome = receive_answer(into);
+  if (outcome != Outcome::kRead) return outcome;
+
+  Request next = request;
+  next.first += request.elements;
+  const bool goes_on = last_.hdu == request.hdu && last_.first + last_.elements == request.first;
+  last_ = request;
+  // If this cannot be sent, the next call finds out why.
+  if (goes_on && next.first <= next.in_image - next.elements && ask(next)) ahead_ = next;
+  return Outcome::kRead;
 }
 
 }  // namespace curlew

@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 
 #include "acquisition/fits/file_descriptor.h"
@@ -30,10 +31,12 @@ class UnpackingProcess {
     std::int64_t first = 0;     ///< element, in file order
     std::int64_t bytes = 0;     ///< of all elements
     std::int64_t elements = 0;
+    std::int64_t in_image = 0;      ///< elements of the whole image
     bool undefined_is_nan = false;  ///< only for floating types
 
     /// Returns how much processor time it may take; the slowest decoder makes 10 million a second.
     int seconds() const { return static_cast<int>(2 + elements / 8'000'000); }
+    bool operator==(const Request&) const = default;
   };
   enum class Outcome {
     kRead,     ///< all elements are there
@@ -43,13 +46,18 @@ class UnpackingProcess {
   };
 
   /// Fills `into`, of request.bytes bytes. What is in it after another outcome than kRead is
-  /// undefined, and the object must not be used again.
+  /// undefined, and the object must not be used again. Where requests follow each other through an
+  /// image, the process unpacks the elements of the next one meanwhile.
   Outcome read(const Request& request, std::span<std::byte> into);
 
  private:
   Outcome outcome_of_death();
+  bool ask(const Request& request);
+  Outcome receive_answer(std::span<std::byte> into);
 
   FileDescriptor socket_;
+  Request last_;
+  std::optional<Request> ahead_;  ///< was asked for before it was wanted
   pid_t process_ = -1;
 };
 

@@ -7,7 +7,8 @@
 namespace curlew {
 namespace {
 
-constexpr float kBrightFraction = 0.3F;  // of the mean flux; brighter lenslets tell the noise
+constexpr float kLeastNoise_rad2 = 1e-20F;  // Nothing is divided by zero where there is no noise.
+constexpr float kBrightFraction = 0.3F;     // of the mean flux; brighter lenslets tell the noise
 
 // These take values and not references, because the compiler makes no vectors of a loop with
 // std::max.
@@ -248,7 +249,7 @@ WhitenedPlanes::WhitenedPlanes(int lenslet_rows, int lenslet_cols)
       variance(lenslet_rows + 1, lenslet_cols + 1),
       inverse(lenslet_rows + 1, lenslet_cols + 1),
       darkness(lenslet_rows - 1, lenslet_cols - 1),
-      margin(lenslet_rows - 1, lenslet_cols - 1) {}
+      first_t_squared(lenslet_rows - 1, lenslet_cols - 1) {}
 
 void fill_planes(const SlopeField& slopes, const Image<float>& flux_adu,
                  const Image<std::uint8_t>& lenslet_valid, float clutter_rad2,
@@ -265,11 +266,11 @@ void look_over(const FirstLook& look, WhitenedPlanes& planes) noexcept {
   measure_darkness(planes);
   const FirstLook l = look;
   const float noise_rad2 = planes.noise_rad2;
-  const auto cols = static_cast<std::size_t>(planes.margin.cols());
-  for (int r = 0; r < planes.margin.rows(); ++r) {
+  const auto cols = static_cast<std::size_t>(planes.darkness.cols());
+  for (int r = 0; r < planes.darkness.rows(); ++r) {
     const NodeRow row(planes, r);
     const float* darkness = &planes.darkness(r, 0);
-    float* __restrict margin = &planes.margin(r, 0);
+    float* __restrict first_t_squared = &planes.first_t_squared(r, 0);
     for (std::size_t c = 0; c < cols; ++c) {
       const Weights x = solve(row, l.pattern, c);
       const float sum = sum_of(row, x, c);
@@ -278,8 +279,9 @@ void look_over(const FirstLook& look, WhitenedPlanes& planes) noexcept {
       const float min_z = larger(
           l.offset - l.per_darkness * darkness[c] + l.per_log_information * log_of(information),
           0.0F);
-      margin[c] =
-          smaller(sum * sum - min_z * min_z * information, sum * sum - l.min_t_squared * noise);
+      const float square = sum * sum;
+      const float t_squared = square / larger(noise, kLeastNoise_rad2);
+      first_t_squared[c] = square - min_z * min_z * information >= 0.0F ? t_squared : -1.0F;
     }
   }
 }

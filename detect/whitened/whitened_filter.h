@@ -17,6 +17,8 @@ struct VortexPattern {
   float centre = 1.8F;
   float side = 0.3F;
   float corner = -0.25F;
+
+  bool operator==(const VortexPattern&) const = default;
 };
 
 inline constexpr float kDarkest = 0.02F;  ///< of the mean flux; all below is equally dark
@@ -46,7 +48,9 @@ struct WhitenedPlanes {
   Image<float> inverse;      ///< 1/variance
   // Maps of nodes are [rows−1, cols−1].
   Image<float> darkness;  ///< mean brightness round the node's four lenslets less their own
-  Image<float> margin;    ///< 0 or more where a closer look pays
+  /// t² if all lenslets were as noisy as one of mean flux; −1 where z is too small for a closer
+  /// look
+  Image<float> first_t_squared;
 
   float mean_flux_adu = 0;
   /// This is the noise variance of a slope where the flux is the mean, in rad². Noise goes nearly
@@ -55,24 +59,22 @@ struct WhitenedPlanes {
   float noise_rad2 = 0;
 };
 
-/// Fills all planes but darkness and margin. lenslet_valid, [rows, cols], says where the sensor has
+/// Fills all planes but those of nodes. lenslet_valid, [rows, cols], says where the sensor has
 /// a lenslet; there the flux is known even if the slope is not.
 void fill_planes(const SlopeField& slopes, const Image<float>& flux_adu,
                  const Image<std::uint8_t>& lenslet_valid, float clutter_rad2,
                  WhitenedPlanes& planes) noexcept;
 
-/// A node must reach at least this to be worth a closer look.
+/// A node must reach at least z = offset − per_darkness·darkness + per_log_information·
+/// ln(information) to be worth a closer look.
 struct FirstLook {
   VortexPattern pattern{};
-  float min_t_squared = 0;  ///< least t² if all lenslets were as noisy as one of mean flux
-  // The second condition is z ≥ offset − per_darkness·darkness +
-  // per_log_information·ln(information).
   float offset = 0;
   float per_darkness = 0;
   float per_log_information = 0;
 };
 
-/// Fills planes.darkness and planes.margin.
+/// Fills the planes of nodes.
 void look_over(const FirstLook& look, WhitenedPlanes& planes) noexcept;
 
 /// This is the filter at one node: w = Σ⁻¹m.

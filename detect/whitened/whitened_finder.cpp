@@ -103,6 +103,15 @@ float min_log_odds(const WhitenedOptions& options) noexcept {
   return static_cast<float>(std::log(options.min_probability / (1.0 - options.min_probability)));
 }
 
+FirstLook first_look(const WhitenedOptions& options, const Odds& odds) noexcept {
+  FirstLook look;
+  look.pattern = options.pattern;
+  look.offset = (min_log_odds(options) - odds.offset) / odds.per_sigma;
+  look.per_darkness = odds.per_darkness / odds.per_sigma;
+  look.per_log_information = -odds.per_log_information / odds.per_sigma;
+  return look;
+}
+
 /// Fills workspace.seen with the nodes that pass both tests.
 void sight(const WhitenedPlan& plan, const SlopeField& slopes, const Odds& odds,
            WhitenedWorkspace& workspace) noexcept {
@@ -110,11 +119,13 @@ void sight(const WhitenedPlan& plan, const SlopeField& slopes, const Odds& odds,
   const VortexPattern& pattern = plan.options().pattern;
   const float minimum = min_log_odds(plan.options());
   const float threshold = plan.threshold_sigmas() * plan.threshold_sigmas();
+  const float first_threshold = kFirstLookPart * kFirstLookPart * threshold;
   workspace.seen.clear();
   workspace.seen_at.fill(-1);
-  for (int r = 0; r < planes.margin.rows(); ++r) {
-    for (int c = 0; c < planes.margin.cols(); ++c) {
-      if (!(planes.margin(r, c) >= 0.0F) || !is_node(workspace.lit, r, c)) continue;
+  for (int r = 0; r < planes.first_t_squared.rows(); ++r) {
+    for (int c = 0; c < planes.first_t_squared.cols(); ++c) {
+      if (!(planes.first_t_squared(r, c) >= first_threshold) || !is_node(workspace.lit, r, c))
+        continue;
       const NodeFilter filter = filter_at(planes, pattern, r, c);
       const float square = filter.sum * filter.sum;
       const float variance = noise_variance(slopes, filter, r, c);
@@ -345,8 +356,14 @@ WhitenedPlan::WhitenedPlan(const WhitenedOptions& options, const Image<std::uint
 WhitenedWorkspace::WhitenedWorkspace(const WhitenedPlan& plan)
     : lit(plan.lenslet_valid()),
       planes(plan.rows(), plan.cols()),
-      seen(planes.margin.size()),
+      seen(planes.darkness.size()),
       seen_at(plan.rows() - 1, plan.cols() - 1, -1) {}
+
+bool filter_alike(const WhitenedPlan& a, const WhitenedPlan& b) {
+  WhitenedOptions options = a.options();
+  options.false_alarms_per_frame = b.options().false_alarms_per_frame;
+  return options == b.options();
+}
 
 void find_whitened_vortices(const WhitenedPlan& plan, const SlopeField& slopes,
                             const Image<float>& flux_adu, const CirculationMap& circulation,
@@ -358,18 +375,12 @@ void find_whitened_vortices(const WhitenedPlan& plan, const SlopeField& slopes,
   vortices.clear();
   const WhitenedOptions& options = plan.options();
   WhitenedPlanes& planes = workspace.planes;
-  fill_planes(slopes, flux_adu, workspace.lit, static_cast<float>(options.slope_clutter_rad2),
-              planes);
+  if (!workspace.is_filled) {
+    fill_planes(slopes, flux_adu, workspace.lit, static_cast<float>(options.slope_clutter_rad2),
+                planes);
+    look_over(first_look(options, Odds(options, planes.noise_rad2)), planes);
+  }
   const Odds odds(options, planes.noise_rad2);
-  const float first_t = kFirstLookPart * plan.threshold_sigmas();
-  FirstLook look;
-  look.pattern = options.pattern;
-  look.min_t_squared = first_t * first_t;
-  look.offset = (min_log_odds(options) - odds.offset) / odds.per_sigma;
-  look.per_darkness = odds.per_darkness / odds.per_sigma;
-  look.per_log_information = -odds.per_log_information / odds.per_sigma;
-  look_over(look, planes);
-
   sight(plan, slopes, odds, workspace);
   keep_strongest(workspace);
   FixedList<Sighting>& seen = workspace.seen;

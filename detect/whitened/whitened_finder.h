@@ -50,6 +50,8 @@ struct WhitenedOptions {
   double pair_sigmas = 3.0;
   /// This is a probability. A vortex above it makes no pair with one below it.
   double pair_likely = 0.5;
+
+  bool operator==(const WhitenedOptions&) const = default;
 };
 
 /// The plan holds all that follows from the options and the pupil. It is const after construction
@@ -103,9 +105,16 @@ struct WhitenedWorkspace {
   /// does not reach the others. The caller sets it; at first it is the sensor's lenslets.
   Image<std::uint8_t> lit;
   WhitenedPlanes planes;
+  /// The caller says by this that `planes` are those of the frame already, by a plan that
+  /// filter_alike() says is like this one.
+  bool is_filled = false;
   FixedList<Sighting> seen;
   Image<std::int32_t> seen_at;  ///< [rows−1, cols−1] of nodes: index into seen, or −1
 };
+
+/// Says whether two plans for one sensor differ at most in their rate of false alarms, so that the
+/// planes of a frame are the same.
+bool filter_alike(const WhitenedPlan& a, const WhitenedPlan& b);
 
 /// Finds the vortices of one frame, the surest first; `vortices` is cleared first. It never
 /// allocates. Slopes and flux are [rows, cols], and missing slopes are 0 with valid 0.

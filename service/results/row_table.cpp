@@ -55,24 +55,38 @@ std::size_t cell_offset(std::span<const ColumnSpec> columns, std::string_view na
 RowTable::RowTable(std::string name, std::vector<ColumnSpec> columns, const std::string& beside)
     : name_(std::move(name)),
       columns_(std::move(columns)),
+      row_bytes_(row_bytes(columns_)),
       folder_(fs::path(target_of(beside)).parent_path().string()) {}
+
+RowTable::RowTable(std::string name, std::vector<ColumnSpec> columns, TakeRows take)
+    : name_(std::move(name)),
+      columns_(std::move(columns)),
+      row_bytes_(row_bytes(columns_)),
+      take_(std::move(take)) {}
+
+void RowTable::flush() {
+  if (take_) {
+    take_(in_memory());
+  } else {
+    spill();
+  }
+  used_ = 0;
+}
 
 void RowTable::spill() {
   if (!spilled_) spilled_ = open_nameless(folder_);
-  for (std::size_t done = 0; done < bytes_.size();) {
-    const ssize_t n = ::write(spilled_.get(), bytes_.data() + done, bytes_.size() - done);
+  for (std::size_t done = 0; done < used_;) {
+    const ssize_t n = ::write(spilled_.get(), bytes_.data() + done, used_ - done);
     if (n < 0 && errno == EINTR) continue;
     if (n < 0)
       throw Failure(folder_ + " cannot be written: " + std::generic_category().message(errno));
     done += static_cast<std::size_t>(n);
   }
-  spilled_bytes_ += static_cast<std::int64_t>(bytes_.size());
-  bytes_.clear();
+  spilled_bytes_ += static_cast<std::int64_t>(used_);
 }
 
-void RowTable::for_each_block(const std::function<void(std::span<const std::byte>)>& take) const {
-  const std::size_t one_row = row_bytes(columns_);
-  std::vector<std::byte> block(spilled_ ? kInMemory_bytes / one_row * one_row : 0);
+void RowTable::for_each_block(const TakeRows& take) const {
+  std::vector<std::byte> block(spilled_ ? kInMemory_bytes / row_bytes_ * row_bytes_ : 0);
   for (std::int64_t at = 0; at < spilled_bytes_;) {
     const std::size_t wanted =
         std::min(block.size(), static_cast<std::size_t>(spilled_bytes_ - at));
@@ -87,16 +101,15 @@ void RowTable::for_each_block(const std::function<void(std::span<const std::byte
     take(std::span(block.data(), wanted));
     at += static_cast<std::int64_t>(wanted);
   }
-  if (!bytes_.empty()) take(bytes_);
+  if (used_ > 0) take(in_memory());
 }
 
 template <typename T>
 void RowTable::write_cells(FitsFile& file, const ColumnSpec& column, std::int64_t first_row,
                            std::span<const std::byte> rows) const {
-  const std::size_t one_row = row_bytes(columns_);
   std::vector<T> cells;
-  cells.reserve(rows.size() / one_row);
-  for (std::size_t at = cell_offset(columns_, column.name); at < rows.size(); at += one_row)
+  cells.reserve(rows.size() / row_bytes_);
+  for (std::size_t at = cell_offset(columns_, column.name); at < rows.size(); at += row_bytes_)
     cells.push_back(cell_value<T>(rows.data() + at));
   file.write_column<T>(column.name, first_row, cells);
 }
@@ -111,7 +124,7 @@ void RowTable::write(FitsFile& file) const {
       if (column.format == 'E') write_cells<float>(file, column, row, rows);
       if (column.format == 'D') write_cells<double>(file, column, row, rows);
     }
-    row += static_cast<std::int64_t>(rows.size() / row_bytes(columns_));
+    row += static_cast<std::int64_t>(rows.size() / row_bytes_);
   });
 }
 

@@ -45,8 +45,14 @@ static_assert(std::endian::native == std::endian::little);
 
 class RowTable {
  public:
+  /// Takes a block of whole rows.
+  using TakeRows = std::function<void(std::span<const std::byte>)>;
+
   /// beside: the file beside which rows go to disk, in a file without a name.
   RowTable(std::string name, std::vector<ColumnSpec> columns, const std::string& beside);
+  /// Makes a table that keeps no rows, but gives them to `take`, block by block; flush() gives the
+  /// last.
+  RowTable(std::string name, std::vector<ColumnSpec> columns, TakeRows take);
 
   /// Appends one row: a number for each column, in their order. Throws Failure when the disk is
   /// full.
@@ -57,6 +63,7 @@ class RowTable {
   /// Appends the next number of a row.
   template <typename Value>
   void put(Value value) {
+    if (next_column_ == 0) make_room();
     switch (columns_[next_column_].format) {
       case 'K':
         push(static_cast<std::int64_t>(value));
@@ -73,12 +80,14 @@ class RowTable {
     if (++next_column_ < columns_.size()) return;
     next_column_ = 0;
     ++rows_;
-    if (bytes_.size() >= kInMemory_bytes) spill();
+    if (used_ >= kInMemory_bytes) flush();
   }
+  /// Sends the rows in memory to where the others went.
+  void flush();
 
   std::int64_t rows() const { return rows_; }
-  /// Gives all rows, in their order, in blocks of whole rows.
-  void for_each_block(const std::function<void(std::span<const std::byte>)>& take) const;
+  /// Gives all rows that are kept, in their order.
+  void for_each_block(const TakeRows& take) const;
   /// Appends the table to the file as a new HDU.
   void write(FitsFile& file) const;
 
@@ -87,9 +96,14 @@ class RowTable {
 
   template <typename T>
   void push(T value) {
-    bytes_.resize(bytes_.size() + sizeof(T));
-    put_cell(bytes_.data() + bytes_.size() - sizeof(T), value);
+    put_cell(bytes_.data() + used_, value);
+    used_ += sizeof(T);
   }
+  /// Makes room for one row.
+  void make_room() {
+    if (bytes_.size() < used_ + row_bytes_) bytes_.resize(2 * (used_ + row_bytes_));
+  }
+  std::span<const std::byte> in_memory() const { return {bytes_.data(), used_}; }
   void spill();
   template <typename T>
   void write_cells(FitsFile& file, const ColumnSpec& column, std::int64_t first_row,
@@ -97,10 +111,13 @@ class RowTable {
 
   std::string name_;
   std::vector<ColumnSpec> columns_;
+  std::size_t row_bytes_;
   std::size_t next_column_ = 0;
   std::int64_t rows_ = 0;
   std::string folder_;
-  std::vector<std::byte> bytes_;  ///< the last rows
+  TakeRows take_;                 ///< null: rows are kept
+  std::vector<std::byte> bytes_;  ///< the last rows, and room for more
+  std::size_t used_ = 0;          ///< bytes of those rows
   FileDescriptor spilled_;        ///< the rows before them; none while all fit in memory
   std::int64_t spilled_bytes_ = 0;
 };

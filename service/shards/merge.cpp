@@ -1,19 +1,19 @@
 #include "service/shards/merge.h"
 
-#include <fcntl.h>
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
-#include <memory>
-#include <optional>
 #include <utility>
 
 #include "acquisition/fits/file_descriptor.h"
 #include "acquisition/fits/hdu_bytes.h"
+#include "core/as_size.h"
 #include "core/error.h"
 #include "service/program/interrupt.h"
 #include "service/program/version.h"
 #include "service/results/results_file.h"
+#include "service/results/track_summary.h"
+#include "service/shards/byte_reader.h"
 #include "service/shards/joined_file.h"
 #include "service/shards/shard_record.h"
 #include "service/shards/tracked_join.h"
@@ -21,26 +21,51 @@
 namespace curlew {
 namespace {
 
-/// One shard, open. Its last HDU, the record, is not among `hdus`.
+/// One shard. Its last HDU, the record, is not among `hdus`.
 struct Shard {
   std::string path;
   ShardRecord record;
-  FileDescriptor file{};
   std::vector<HduBytes> hdus{};
-
-  ByteReader data_of(std::size_t hdu) const {
-    const HduBytes& part = hdus[hdu];
-    return {file.get(), part.data, part.data + part.slices * part.slice_bytes, path};
-  }
 };
 
-Shard open_shard(const std::string& path) {
+Shard read_shard(const std::string& path) {
   Shard shard{.path = path, .record = read_shard_record(path)};
-  shard.file = FileDescriptor(open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  shard.hdus = find_hdu_bytes(shard.file.get());
-  if (shard.hdus.empty()) throw Failure(path + " cannot be read again");
-  shard.hdus.pop_back();
+  const FileDescriptor file = open_for_reading(path);
+  shard.hdus = contents_of_shard(path, shard.record, file.get());
   return shard;
+}
+
+/// Reads an HDU once, gives its data to `take` in their order, and refuses it where it is damaged.
+template <typename Take>
+void read_hdu(const Shard& shard, std::size_t hdu, const Take& take) {
+  const HduBytes& part = shard.hdus[hdu];
+  const FileDescriptor file = open_for_reading(shard.path);
+  ByteReader reader(file.get(), part.begin, part.end, shard.path);
+  const std::int64_t data_end = part.data + part.slices * part.slice_bytes;
+  std::int64_t at = part.begin;
+  for (auto block = reader.next_block(); !block.empty(); block = reader.next_block()) {
+    if (interrupted()) throw Failure("interrupted: nothing was written");
+    const auto size = static_cast<std::int64_t>(block.size());
+    const std::int64_t first = std::clamp<std::int64_t>(part.data - at, 0, size);
+    const std::int64_t last = std::clamp<std::int64_t>(data_end - at, first, size);
+    if (last > first) take(block.subspan(as_size(first), as_size(last - first)));
+    at += size;
+  }
+  require_undamaged(shard.path, shard.record, hdu, reader.digest_to_end());
+}
+
+/// What becomes of an HDU that all shards have.
+enum class Joining {
+  kFirst,    ///< that of the first shard is taken; the primary, and what all have alike
+  kTracked,  ///< the tracker makes it
+  kSlices    ///< the slices of all shards, one after the other
+};
+
+Joining joining_of(const Shard& shard, std::size_t hdu) {
+  const std::string& name = shard.hdus[hdu].name;
+  if (hdu == 0 || name == "ZERNIKE_MODES") return Joining::kFirst;
+  const bool tracked = name == "FRAMES" || name == "VORTICES" || name == "TRACKS";
+  return tracked && shard.record.tracker ? Joining::kTracked : Joining::kSlices;
 }
 
 /// Refuses shards that are not all parts of one night, each once.
@@ -92,27 +117,33 @@ void require_joined(const std::vector<Shard>& shards) {
   }
 }
 
+/// Refuses shards that are damaged where a number that is not the one written might be believed.
+/// Slices are only copied, and looked at on their way.
+void require_undamaged_but_slices(const std::vector<Shard>& shards) {
+  for (const Shard& shard : shards)
+    for (std::size_t k = 0; k < shard.hdus.size(); ++k)
+      if (joining_of(shard, k) != Joining::kSlices) read_hdu(shard, k, [](const auto&) {});
+}
+
 /// Puts the HDUs of all shards together, one after the other.
 class Join {
  public:
-  Join(const std::vector<Shard>& shards, const std::string& out) : shards_(shards), file_(out) {
-    if (shards.front().record.tracker) tracked_.emplace(shards.front().record, out);
-    for (std::size_t k = 0; k < shards.front().hdus.size(); ++k) {
-      const std::string& name = shards.front().hdus[k].name;
+  Join(const std::vector<Shard>& shards, const std::string& out)
+      : shards_(shards), first_(shards.front()), file_(out) {
+    for (std::size_t k = 0; k < first_.hdus.size(); ++k) {
+      const std::string& name = first_.hdus[k].name;
+      const Joining joining = joining_of(first_, k);
       if (k == 0) {
         append_primary();
-      } else if (name == "ZERNIKE_MODES") {  // what all shards have alike
-        append_header(k, shards.front().hdus[k].slices);
-        append_data(shards.front(), k);
-      } else if (tracked_ && name == "FRAMES") {
-        append_frames(k);
-      } else if (tracked_ && name == "VORTICES") {
-        append_rows(k, tracked_->vortices());
-        vortices_ = tracked_->vortices().rows();
-      } else if (tracked_ && name == "TRACKS") {
-        append_rows(k, tracked_->tracks().table(out));
-      } else {
+      } else if (joining == Joining::kFirst) {
+        append_header(k, first_.hdus[k].slices);
+        append_data(first_, k);
+      } else if (joining == Joining::kSlices) {
         append_slices(k);
+      } else if (name == "FRAMES") {
+        append_tracked(k, place_of("VORTICES"));
+      } else if (name == "TRACKS") {
+        append_tracks(k, out);
       }
       file_.end_hdu();
     }
@@ -122,31 +153,29 @@ class Join {
   void commit() { file_.commit(); }
 
  private:
-  void append_header(std::size_t hdu, std::int64_t slices) {
-    file_.append(shards_.front().hdus[hdu].header_for(slices));
+  std::size_t place_of(const std::string& name) const {
+    const auto found = std::find_if(first_.hdus.begin(), first_.hdus.end(),
+                                    [&](const HduBytes& h) { return h.name == name; });
+    if (found == first_.hdus.end()) throw Failure(first_.path + " has no table " + name);
+    return static_cast<std::size_t>(found - first_.hdus.begin());
   }
 
-  void append_rows(std::size_t hdu, const RowTable& table) {
-    append_header(hdu, table.rows());
-    table.for_each_block([&](std::span<const std::byte> rows) { file_.append(rows); });
+  void append_header(std::size_t hdu, std::int64_t slices) {
+    file_.append(first_.hdus[hdu].header_for(slices));
   }
 
   void append_primary() {
-    std::string header = shards_.front().hdus.front().header_for(0);
+    std::string header = first_.hdus.front().header_for(0);
     const std::string was = fmt::format("CONTENT = '{}'", kShardContent);
     const std::string is = fmt::format("CONTENT = '{}'", kResultsContent);
     const std::size_t at = header.find(was);
-    if (at == std::string::npos) throw Failure(shards_.front().path + " is no shard");
+    if (at == std::string::npos) throw Failure(first_.path + " is no shard");
     header.replace(at, is.size(), is);
     file_.append(header);
   }
 
   void append_data(const Shard& shard, std::size_t hdu) {
-    ByteReader reader = shard.data_of(hdu);
-    for (auto block = reader.next_block(); !block.empty(); block = reader.next_block()) {
-      if (interrupted()) throw Failure("interrupted: nothing was written");
-      file_.append(block);
-    }
+    read_hdu(shard, hdu, [&](std::span<const std::byte> bytes) { file_.append(bytes); });
   }
 
   void append_slices(std::size_t hdu) {
@@ -154,28 +183,51 @@ class Join {
     for (const Shard& shard : shards_) slices += shard.hdus[hdu].slices;
     append_header(hdu, slices);
     for (const Shard& shard : shards_) append_data(shard, hdu);
-    if (shards_.front().hdus[hdu].name == "VORTICES") vortices_ = slices;
+    if (first_.hdus[hdu].name == "VORTICES") vortices_ = slices;
   }
 
-  void append_frames(std::size_t hdu) {
-    const ShardRecord& night = shards_.front().record;
-    append_header(hdu, night.night_frames);
+  /// Appends FRAMES, whose length is known, and VORTICES behind it, in one pass through the shards.
+  void append_tracked(std::size_t frames, std::size_t vortices) {
+    append_header(frames, first_.record.night_frames);
+    std::int64_t frames_at = file_.bytes();
+    file_.append_zeros(first_.record.night_frames * first_.hdus[frames].slice_bytes);
+    file_.end_hdu();
+    const std::int64_t header_at = file_.bytes();
+    append_header(vortices, 0);
+    TrackedJoin tracked(
+        first_.record,
+        [&](std::span<const std::byte> rows) {
+          file_.write_at(frames_at, rows);
+          frames_at += static_cast<std::int64_t>(rows.size());
+        },
+        [&](std::span<const std::byte> rows) { file_.append(rows); });
     for (const Shard& shard : shards_) {
-      const auto candidates = std::find_if(shard.hdus.begin(), shard.hdus.end(),
-                                           [](const HduBytes& h) { return h.name == "VORTICES"; });
-      ByteReader frame_rows = shard.data_of(hdu);
-      ByteReader candidate_rows =
-          shard.data_of(static_cast<std::size_t>(candidates - shard.hdus.begin()));
-      tracked_->add(
-          shard.record.range.frames, [&](std::span<std::byte> into) { frame_rows.read(into); },
-          [&](std::span<std::byte> into) { candidate_rows.read(into); },
-          [&](std::span<const std::byte> rows) { file_.append(rows); });
+      const FileDescriptor file = open_for_reading(shard.path);
+      const auto rows_of = [&](const HduBytes& hdu) {
+        return ByteReader(file.get(), hdu.data, hdu.data + hdu.slices * hdu.slice_bytes,
+                          shard.path);
+      };
+      ByteReader frame_rows = rows_of(shard.hdus[frames]);
+      ByteReader candidate_rows = rows_of(shard.hdus[vortices]);
+      tracked.add(shard.record.range.frames, frame_rows, candidate_rows);
+      if (interrupted()) throw Failure("interrupted: nothing was written");
     }
+    tracked.finish();
+    vortices_ = tracked.vortices();
+    tracks_ = tracked.tracks();
+    file_.write_at(header_at, first_.hdus[vortices].header_for(vortices_));
+  }
+
+  void append_tracks(std::size_t hdu, const std::string& out) {
+    const RowTable table = tracks_.table(out);
+    append_header(hdu, table.rows());
+    table.for_each_block([&](std::span<const std::byte> rows) { file_.append(rows); });
   }
 
   const std::vector<Shard>& shards_;
+  const Shard& first_;
   JoinedFile file_;
-  std::optional<TrackedJoin> tracked_;
+  TrackSummary tracks_;
   std::int64_t vortices_ = 0;
 };
 
@@ -185,12 +237,13 @@ MergeReport merge_shards(const std::vector<std::string>& paths, const std::strin
   if (paths.empty()) throw UsageError("no shard to merge was named");
   std::vector<Shard> shards;
   shards.reserve(paths.size());
-  for (const std::string& path : paths) shards.push_back(open_shard(path));
+  for (const std::string& path : paths) shards.push_back(read_shard(path));
   std::sort(shards.begin(), shards.end(), [](const Shard& a, const Shard& b) {
     return std::pair(a.record.shard, a.path) < std::pair(b.record.shard, b.path);
   });
   require_one_night(shards);
   require_joined(shards);
+  require_undamaged_but_slices(shards);
   MergeReport report{.frames = shards.front().record.night_frames,
                      .shards = shards.front().record.shards};
   for (const Shard& shard : shards) report.measured += shard.record.measured;

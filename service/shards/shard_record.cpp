@@ -22,11 +22,15 @@
 #include "core/as_size.h"
 #include "core/error.h"
 #include "service/results/results_file.h"
+#include "service/shards/byte_reader.h"
 
 namespace curlew {
 namespace {
 
 constexpr const char* kTable = "SHARD";
+constexpr std::size_t kDigestCharacters = 16;
+
+std::string text_of_digest(std::uint64_t digest) { return fmt::format("{:016x}", digest); }
 
 /// Calls visit(column, member) for each member, but for those of the tracker. It is the one list of
 /// what the table holds.
@@ -55,6 +59,7 @@ void visit_record(Record& record, const Visitor& visit) {
   visit("MEASURED", record.measured);
   visit("WINDOWS_BEFORE", record.windows_before);
   visit("WINDOWS_AFTER", record.windows_after);
+  visit("CONTENTS", record.contents);
 }
 
 /// The settings of the tracker; the program's version says all else.
@@ -111,8 +116,9 @@ std::vector<RecordField> fields_of(const ShardRecord& record) {
   return std::move(list.fields);
 }
 
-/// Returns the digest of the file's other HDUs and of the record itself.
-std::string digest_text(BytesDigest digest, const ShardRecord& record) {
+/// Returns the digest of the record, and so of all that it says of the file's other HDUs.
+std::string digest_text(const ShardRecord& record) {
+  BytesDigest digest;
   for (const RecordField& field : fields_of(record)) {
     std::string text = field.name + " ";
     if (const auto* words = std::get_if<std::string>(&field.value)) text += *words;
@@ -121,43 +127,11 @@ std::string digest_text(BytesDigest digest, const ShardRecord& record) {
     if (const auto* real = std::get_if<double>(&field.value)) text += fmt::format("{}", *real);
     digest.add(std::as_bytes(std::span(text)));
   }
-  return fmt::format("{:016x}", digest.value());
+  return text_of_digest(digest.value());
 }
 
-void add_bytes(BytesDigest& digest, int file, std::int64_t begin, std::int64_t end,
-               const std::string& path) {
-  constexpr std::int64_t kBlock_bytes = 1 << 20;
-  std::vector<std::byte> block(
-      as_size(std::min(kBlock_bytes, std::max<std::int64_t>(end - begin, 0))));
-  while (begin < end) {
-    const std::size_t wanted = as_size(std::min(kBlock_bytes, end - begin));
-    std::size_t got = 0;
-    while (got < wanted) {
-      const ssize_t n = pread(file, block.data() + got, wanted - got,
-                              static_cast<off_t>(begin + static_cast<std::int64_t>(got)));
-      if (n < 0 && errno == EINTR) continue;
-      if (n <= 0) throw Failure(path + " cannot be read: it became shorter, or its disk fails");
-      got += static_cast<std::size_t>(n);
-    }
-    digest.add(std::span(block.data(), got));
-    begin += static_cast<std::int64_t>(got);
-  }
-}
-
-FileDescriptor open_for_reading(const std::string& path) {
-  FileDescriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  if (!file) throw Failure(path + " cannot be read: " + std::generic_category().message(errno));
-  return file;
-}
-
-void require_undamaged(const std::string& path, const ShardRecord& record,
-                       const std::string& said) {
-  const FileDescriptor file = open_for_reading(path);
-  const std::vector<HduBytes> hdus = find_hdu_bytes(file.get());
-  BytesDigest digest;
-  if (!hdus.empty()) add_bytes(digest, file.get(), 0, hdus.back().begin, path);
-  if (hdus.empty() || hdus.back().name != kTable || digest_text(digest, record) != said)
-    throw Failure(path + " is damaged: its bytes are not those that were written; do it again");
+[[noreturn]] void refuse_damaged(const std::string& path) {
+  throw Failure(path + " is damaged: its bytes are not those that were written; do it again");
 }
 
 }  // namespace
@@ -172,15 +146,16 @@ std::string difference_of_nights(const ShardRecord& a, const ShardRecord& b) {
   return {};
 }
 
-void append_shard_record(const std::string& path, const ShardRecord& record) {
+void append_shard_record(const std::string& path, ShardRecord record) {
   FileDescriptor file(open(path.c_str(), O_RDWR | O_APPEND | O_CLOEXEC));
-  struct stat what {};
-  if (!file || fstat(file.get(), &what) != 0)
+  if (!file)
     throw Failure(path + " cannot be read again: " + std::generic_category().message(errno));
-  BytesDigest digest;
-  add_bytes(digest, file.get(), 0, what.st_size, path);
+  record.contents.clear();
+  for (const HduBytes& hdu : find_hdu_bytes(file.get()))
+    record.contents +=
+        text_of_digest(ByteReader(file.get(), hdu.begin, hdu.end, path).digest_to_end());
   std::vector<RecordField> fields = fields_of(record);
-  fields.push_back({"DIGEST", RecordKind::kText, "", digest_text(digest, record)});
+  fields.push_back({"DIGEST", RecordKind::kText, "", digest_text(record)});
   FitsFile table = FitsFile::create_in_memory(path);
   table.create_record(kTable, fields, true);
   // Before the table comes an empty primary HDU of one block.
@@ -212,7 +187,35 @@ ShardRecord read_shard_record(const std::string& path) {
   read("TRACKED", tracked);
   if (tracked != 0) record.tracker = tracker;
   read("DIGEST", digest);
-  require_undamaged(path, record, digest);
+  if (digest_text(record) != digest) refuse_damaged(path);
+  return record;
+}
+
+void require_undamaged(const std::string& path, const ShardRecord& record, std::size_t hdu,
+                       std::uint64_t digest) {
+  const std::size_t at = hdu * kDigestCharacters;
+  if (at >= record.contents.size() ||
+      record.contents.compare(at, kDigestCharacters, text_of_digest(digest)) != 0)
+    refuse_damaged(path);
+}
+
+std::vector<HduBytes> contents_of_shard(const std::string& path, const ShardRecord& record,
+                                        int file) {
+  std::vector<HduBytes> hdus = find_hdu_bytes(file);
+  if (hdus.empty() || hdus.back().name != kTable ||
+      record.contents.size() != (hdus.size() - 1) * kDigestCharacters)
+    refuse_damaged(path);
+  hdus.pop_back();
+  return hdus;
+}
+
+ShardRecord read_whole_shard(const std::string& path) {
+  ShardRecord record = read_shard_record(path);
+  const FileDescriptor file = open_for_reading(path);
+  const std::vector<HduBytes> hdus = contents_of_shard(path, record, file.get());
+  for (std::size_t i = 0; i < hdus.size(); ++i)
+    require_undamaged(path, record, i,
+                      ByteReader(file.get(), hdus[i].begin, hdus[i].end, path).digest_to_end());
   return record;
 }
 
@@ -271,11 +274,12 @@ std::string digest_of_inputs(const std::vector<std::string>& recordings,
       const std::int64_t last = std::max<std::int64_t>(size - kBlock_bytes, 0);
       for (std::int64_t i = 0; i < kBlocks; ++i) {
         const std::int64_t begin = last / (kBlocks - 1) * i;
-        add_bytes(digest, file.get(), begin, std::min(begin + kBlock_bytes, size), path);
+        const std::int64_t end = std::min(begin + kBlock_bytes, size);
+        digest.add(ByteReader(file.get(), begin, end, path).next_block());
       }
     }
   }
-  return fmt::format("{:016x}", digest.value());
+  return text_of_digest(digest.value());
 }
 
 }  // namespace curlew

@@ -1,11 +1,13 @@
 // What a shard says of itself: of which night it is, which part, and what joins it to the next.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "acquisition/fits/hdu_bytes.h"
 #include "acquisition/recording/frame_selection.h"
 #include "centroiding/window_follower.h"
 #include "core/lenslet_grid.h"
@@ -37,18 +39,32 @@ struct ShardRecord {
   /// windows stay. The one must be the other of the shard before.
   std::string windows_before;
   std::string windows_after;
+  std::string contents;  ///< the digest of each HDU before this table, 16 characters each
 };
 
 /// Returns what of the night is another one in `b` than in `a`, as "another sensor"; empty if they
 /// are of the same night.
 std::string difference_of_nights(const ShardRecord& a, const ShardRecord& b);
 
-/// Appends the table SHARD, with the digest of all that is before it, to a complete file. Throws
+/// Appends the table SHARD, with the digests of all that is before it, to a complete file. Throws
 /// Failure when the disk is full.
-void append_shard_record(const std::string& path, const ShardRecord& record);
+void append_shard_record(const std::string& path, ShardRecord record);
 
-/// Reads and checks a shard. Throws Failure for what is no shard, and for one that is damaged.
+/// Reads what a shard says of itself. Throws Failure for what is no shard, and for one that was cut
+/// off or whose record is damaged. Its other HDUs are not looked at; see require_undamaged().
 ShardRecord read_shard_record(const std::string& path);
+
+/// As read_shard_record, and reads all of the shard. Throws Failure where any of it is damaged.
+ShardRecord read_whole_shard(const std::string& path);
+
+/// Returns the shard's HDUs but for the record. file: the shard, open. Throws Failure where there
+/// are others than the record says.
+std::vector<HduBytes> contents_of_shard(const std::string& path, const ShardRecord& record,
+                                        int file);
+
+/// Throws Failure unless the digest is the one that the shard's HDU of this index is to have.
+void require_undamaged(const std::string& path, const ShardRecord& record, std::size_t hdu,
+                       std::uint64_t digest);
 
 /// Returns the memory as text of printable characters, and the memory of such a text. Every number
 /// comes back as it was. Throws Failure for a text that is none.

@@ -124,7 +124,7 @@ std::optional<ShardRecord> ShardWorker::find_done(int shard) const {
   std::error_code none;
   if (shard < 1 || !fs::exists(path_of(shard), none)) return std::nullopt;
   try {
-    ShardRecord record = read_shard_record(path_of(shard));
+    ShardRecord record = read_whole_shard(path_of(shard));
     const ShardRecord wanted = record_for(shard);
     if (difference_of_nights(wanted, record).empty() && record.shard == shard &&
         record.range == wanted.range)
@@ -144,7 +144,7 @@ bool ShardWorker::is_done(int shard, const std::optional<ShardRecord>& before) c
   if (night_.existing == Existing::kReplaced) return false;
   std::string what;
   try {
-    what = "of " + difference_of_nights(record_for(shard), read_shard_record(path));
+    what = "of " + difference_of_nights(record_for(shard), read_whole_shard(path));
   } catch (const Failure&) {
     // What was cut off or damaged has nothing to lose; a file that is no shard has.
     std::optional<std::string> content;

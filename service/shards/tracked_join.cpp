@@ -1,6 +1,7 @@
 #include "service/shards/tracked_join.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "core/as_size.h"
 #include "core/error.h"
@@ -8,13 +9,14 @@
 
 namespace curlew {
 
-TrackedJoin::TrackedJoin(const ShardRecord& night, const std::string& beside)
+TrackedJoin::TrackedJoin(const ShardRecord& night, TakeRows take_frames, TakeRows take_vortices)
     : grid_(night.grid),
       tracker_(night.tracker.value_or(TrackerOptions{}), grid_.rows, grid_.cols,
                as_size(night.candidate_capacity)),
       tracked_(as_size(night.candidate_capacity)),
       vortices_(as_size(night.vortex_capacity)),
-      vortex_table_("VORTICES", vortex_columns(), beside),
+      take_frames_(std::move(take_frames)),
+      vortex_table_("VORTICES", vortex_columns(), std::move(take_vortices)),
       candidate_(vortex_row_.bytes()) {
   const std::vector<ColumnSpec> columns = frame_columns();
   const auto at = [&](const char* name) { return cell_offset(columns, name); };
@@ -27,26 +29,25 @@ TrackedJoin::TrackedJoin(const ShardRecord& night, const std::string& beside)
   overflow_ = at("OVERFLOW");
 }
 
-void TrackedJoin::add(std::int64_t n_frames, const Reader& frames, const Reader& candidates,
-                      const std::function<void(std::span<const std::byte>)>& out) {
+void TrackedJoin::add(std::int64_t n_frames, ByteReader& frames, ByteReader& candidates) {
   constexpr std::int64_t kBlock_rows = 4096;
   std::vector<std::byte> block;
   while (n_frames > 0) {
     const std::size_t rows = as_size(std::min(n_frames, kBlock_rows));
     block.resize(rows * frame_bytes_);
-    frames(block);
+    frames.read(block);
     for (std::size_t i = 0; i < rows; ++i) track_frame(block.data() + i * frame_bytes_, candidates);
-    out(block);
+    take_frames_(block);
     n_frames -= static_cast<std::int64_t>(rows);
   }
 }
 
 /// Makes of a frame's candidates its vortices, and counts these in the frame's row.
-void TrackedJoin::track_frame(std::byte* row, const Reader& candidates) {
+void TrackedJoin::track_frame(std::byte* row, ByteReader& candidates) {
   const auto frame = cell_value<std::int64_t>(row + frame_);
   tracked_.clear();
   for (auto n = cell_value<std::int32_t>(row + n_vortices_); n > 0; --n) {
-    candidates(candidate_);
+    candidates.read(candidate_);
     if (vortex_row_.frame(candidate_.data()) != frame)
       throw Failure("a shard's candidates are not those of its frames: do it again");
     tracked_.push(vortex_row_.vortex(candidate_.data()));

@@ -4,40 +4,43 @@
 #include <cstddef>
 #include <functional>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "detect/tracking/vortex_tracker.h"
 #include "service/results/result_rows.h"
 #include "service/results/row_table.h"
 #include "service/results/track_summary.h"
+#include "service/shards/byte_reader.h"
 #include "service/shards/shard_record.h"
 
 namespace curlew {
 
-/// Runs the tracker over the candidates of all shards, as one run would have.
+/// Runs the tracker over the candidates of all shards, as one run would have. Rows of the tables
+/// FRAMES and VORTICES go on as they come.
 class TrackedJoin {
  public:
-  /// beside: the file beside which rows wait, see RowTable.
-  TrackedJoin(const ShardRecord& night, const std::string& beside);
+  using TakeRows = RowTable::TakeRows;
 
-  /// Tracks through one shard after the other. frames and candidates: rows of their tables; each
-  /// gives so many bytes, from its file's next. Rows of FRAMES go to `out` as they are to be.
-  using Reader = std::function<void(std::span<std::byte> into)>;
-  void add(std::int64_t n_frames, const Reader& frames, const Reader& candidates,
-           const std::function<void(std::span<const std::byte>)>& out);
+  TrackedJoin(const ShardRecord& night, TakeRows take_frames, TakeRows take_vortices);
 
-  const RowTable& vortices() const { return vortex_table_; }
+  /// Tracks through one shard after the other. frames and candidates: rows of their tables, from
+  /// the first of this shard on.
+  void add(std::int64_t n_frames, ByteReader& frames, ByteReader& candidates);
+  /// Gives the last rows.
+  void finish() { vortex_table_.flush(); }
+
+  std::int64_t vortices() const { return vortex_table_.rows(); }
   const TrackSummary& tracks() const { return track_summary_; }
 
  private:
-  void track_frame(std::byte* row, const Reader& candidates);
+  void track_frame(std::byte* row, ByteReader& candidates);
 
   LensletGrid grid_;
   VortexTracker tracker_;
   VortexRow vortex_row_;
   VortexList tracked_;
   VortexList vortices_;
+  TakeRows take_frames_;
   RowTable vortex_table_;
   TrackSummary track_summary_;
   std::vector<std::byte> candidate_;

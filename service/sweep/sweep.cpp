@@ -9,6 +9,7 @@
 #include "core/error.h"
 #include "core/stage_timer.h"
 #include "service/method_choice.h"
+#include "service/vortex_detection.h"
 
 namespace curlew {
 namespace {
@@ -18,7 +19,7 @@ constexpr std::size_t kCentroid = 0;
 constexpr std::size_t kSlopes = 1;
 constexpr std::size_t kSplit = 4;
 
-/// Exchanges what the stages centroid and slopes made of a frame.
+/// Exchanges what the stages centroid and slopes made of a frame, and its circulation.
 void exchange_slopes(FrameSlot& a, FrameSlot& b) noexcept {
   std::swap(a.levels, b.levels);
   std::swap(a.sharp, b.sharp);
@@ -26,6 +27,7 @@ void exchange_slopes(FrameSlot& a, FrameSlot& b) noexcept {
   std::swap(a.centroids, b.centroids);
   std::swap(a.slopes, b.slopes);
   std::swap(a.weak_slopes, b.weak_slopes);
+  std::swap(a.circulation, b.circulation);
 }
 
 /// Exchanges what the split made of a frame, and what the hidden phase needs of it.
@@ -75,14 +77,17 @@ Sweep::Sweep(const std::vector<NamedConfig>& configs, const Plan& first, const S
     run.count.name = configs[i].name;
     run.count.path = sweep_output(out, run.count.name);
     run.file = std::make_unique<ResultsFile>(run.count.path, *run.plan, save, frames);
-    for (std::size_t j = 0; j < i && !run.split_of; ++j) {
-      const Config& earlier = j == 0 ? first.config : runs_[j - 1].plan->config;
-      const std::set<std::string> changed = changed_sections(earlier, run.plan->config);
+    for (std::size_t j = 0; j < i; ++j) {
+      const Plan& earlier = j == 0 ? first : *runs_[j - 1].plan;
+      const std::set<std::string> changed = changed_sections(earlier.config, run.plan->config);
       if (changed.contains("centroid")) continue;
       if (!run.centroids_of) run.centroids_of = j;
-      if (!changed.contains("split")) run.split_of = j;
+      if (!run.filter_of && filter_alike(earlier.detect, run.plan->detect)) run.filter_of = j;
+      if (!run.split_of && !changed.contains("split")) run.split_of = j;
     }
-    if (run.split_of) run.centroids_of = run.split_of;
+    // Nobody changes these; what is lent is circulated already.
+    if (run.centroids_of) std::fill(run.slot->row_due.begin(), run.slot->row_due.end(), 0);
+    if (run.filter_of) run.slot->detect_workspace.whitened->is_filled = true;
     runs_.push_back(std::move(run));
   }
 }
@@ -114,15 +119,22 @@ void Sweep::work(FrameSlot& first) {
     slot.frame = first.frame;
     slot.frame_index = first.frame_index;
     slot.latency = first.latency;
-    const auto slot_of = [&](std::size_t i) -> FrameSlot& {
-      return i == 0 ? first : *runs_[i - 1].slot;
-    };
-    if (run.centroids_of) exchange_slopes(slot, slot_of(*run.centroids_of));
-    if (run.split_of) exchange_split(slot, slot_of(*run.split_of));
+    exchange_shared(run, first);
     run_stages(run, saturated_before);
-    if (run.centroids_of) exchange_slopes(slot, slot_of(*run.centroids_of));
-    if (run.split_of) exchange_split(slot, slot_of(*run.split_of));
+    exchange_shared(run, first);
   }
+}
+
+FrameSlot& Sweep::slot_of(std::size_t run, FrameSlot& first) const {
+  return run == 0 ? first : *runs_[run - 1].slot;
+}
+
+void Sweep::exchange_shared(Run& run, FrameSlot& first) const noexcept {
+  FrameSlot& slot = *run.slot;
+  if (run.centroids_of) exchange_slopes(slot, slot_of(*run.centroids_of, first));
+  if (run.filter_of)
+    exchange_filtered(slot.detect_workspace, slot_of(*run.filter_of, first).detect_workspace);
+  if (run.split_of) exchange_split(slot, slot_of(*run.split_of, first));
 }
 
 void Sweep::commit() {

@@ -21,8 +21,9 @@ namespace curlew {
 std::string sweep_output(const std::string& out, const std::string& name);
 
 /// Works on frames by all configurations but the first, by which the pipeline does it. Where two
-/// configurations agree in [centroid] the later one takes the centroids and slopes of the earlier
-/// one, and where they agree in [split] as well the phase. The results are those of a replay of its
+/// configurations agree in [centroid] the later one takes the centroids, slopes and circulation of
+/// the earlier one, where they agree in [split] as well the phase, and where they differ in nothing
+/// but the rate of false alarms the filtered circulation. The results are those of a replay of its
 /// own, bit for bit. One thread uses it.
 class Sweep {
  public:
@@ -63,12 +64,16 @@ class Sweep {
     std::unique_ptr<VortexTracker> tracker;    ///< null if nothing is tracked
     std::unique_ptr<FrameSlot> slot;
     std::unique_ptr<ResultsFile> file;
-    std::optional<std::size_t>
-        centroids_of;                     ///< the run that has the same [centroid]; 0: the first
-    std::optional<std::size_t> split_of;  ///< the run that has the same [split] as well
+    // The first run that makes the same of a frame; 0 is the pipeline's.
+    std::optional<std::size_t> centroids_of;  ///< has the same [centroid]
+    std::optional<std::size_t> filter_of;     ///< and filters circulation in the same way
+    std::optional<std::size_t> split_of;      ///< has the same [centroid] and [split]
   };
 
   static Run make_run(const NamedConfig& config, const Sensor& sensor, const FrameFormat& format);
+  FrameSlot& slot_of(std::size_t run, FrameSlot& first) const;
+  /// Lends the run what others have made of the frame, or gives it back.
+  void exchange_shared(Run& run, FrameSlot& first) const noexcept;
   static void run_stages(Run& run, bool saturated_before);
 
   Count first_;

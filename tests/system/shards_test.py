@@ -1,7 +1,9 @@
 #!/usr/bin/python3
 """A night in shards is the night in one run, bit for bit, whoever starts the workers and whenever one dies.
 $CURLEW_PROGRAM names the program. The exit code is 77 if numpy or astropy is missing. mpirun, Dask and Slurm
-are used where they are installed; what is skipped says why."""
+are used where they are installed; what is skipped says why. CURLEW_NIGHT_FRAMES=20000 makes the night longer,
+CURLEW_NIGHT_KILLS=10 kills a worker as often under each of mpirun, Dask and Slurm, and CURLEW_NIGHT_FOLDER says
+where the night is put."""
 
 import json
 import os
@@ -29,6 +31,7 @@ COUNT, PITCH, MARGIN, SIGMA = 10, 10, 10, 1.3
 SIDE = COUNT * PITCH + 2 * MARGIN
 RAD_PER_PX = 1.98  # of the optics below
 FRAMES = int(os.environ.get("CURLEW_NIGHT_FRAMES", "400" if SLOW else "1500"))
+KILLS = int(os.environ.get("CURLEW_NIGHT_KILLS", "1"))
 SETTINGS = ["--track", "--method", "whitened", "--save", "slopes,phase,solenoidal,zernike"]
 
 
@@ -116,6 +119,53 @@ class Night(unittest.TestCase):
     def shards(self):
         return sorted(str(p) for p in self.folder.glob(f"{self.tag}.shard-*.fits"))
 
+    def done(self, out):
+        """The shards that are there, with the times at which they were written."""
+        return {p: p.stat().st_mtime_ns for p in self.folder.glob(f"{out.removesuffix('.fits')}.shard-*.fits")}
+
+    def kill_a_worker(self, out, chance, seconds=30):
+        """Kills one of the processes that work on this night, at a random moment of its life. Returns whether there
+        was one to kill."""
+        def workers():
+            for process in pathlib.Path("/proc").glob("[0-9]*"):
+                try:
+                    words = (process / "cmdline").read_bytes().split(b"\0")
+                except OSError:
+                    continue
+                if words[0] == PROGRAM.encode() and out.encode() in words and b"--shard" in words:
+                    yield int(process.name)
+
+        until = time.monotonic() + seconds
+        while not (found := list(workers())) and time.monotonic() < until:
+            time.sleep(0.01)
+        time.sleep(chance.uniform(0, 0.1 * FRAMES / 1500))
+        found = list(workers()) or found
+        try:
+            os.kill(chance.choice(found), signal.SIGKILL)
+        except (IndexError, ProcessLookupError):
+            return False
+        return True
+
+    def expect_end_by_the_same_command(self, start, wait):
+        """However a worker dies, the same command again ends the night, and does no shard that is there again."""
+        chance = random.Random(11)
+        killed = 0
+        for n in range(KILLS):
+            with self.subTest(kill=n):
+                out = f"{self.tag}{n}.fits"
+                run = start(out)
+                killed += self.kill_a_worker(out, chance)
+                wait(run)
+                before = self.done(out)
+                if not (self.folder / out).exists():
+                    run = start(out)
+                    said = wait(run)
+                    self.assertTrue((self.folder / out).exists(), said)
+                self.assertEqual({p: t for p, t in self.done(out).items() if p in before}, before)
+                self.expect_one_run(out)
+        if KILLS > 1:
+            print(f"{self.tag}: {killed} workers killed", file=sys.stderr)
+
     def expect_one_run(self, out=None):
         self.assertTrue(bytes_but_latency(self.folder / (out or self.out)) == self.one,
                         "the merge must be the bytes of one run")
@@ -164,7 +214,7 @@ class Shards(Night):
 
     def test_a_killed_worker_leaves_nothing(self):
         chance = random.Random(7)
-        for _ in range(3 if SLOW else 5):
+        for _ in range(3 if SLOW else max(KILLS, 5)):
             worker = subprocess.Popen([PROGRAM, *self.command("2/2")], cwd=self.folder,
                                       stdout=subprocess.DEVNULL)
             time.sleep(chance.uniform(0.02, 0.4))
@@ -242,11 +292,36 @@ class Shards(Night):
             out = str(disk / "full.fits")
             self.curlew(*self.command("1/2", out), fails="cannot be written")
             self.assertEqual(list(disk.iterdir()), [])
-            subprocess.run(["mount", "-o", "remount,size=100m", str(disk)], check=True)
+            subprocess.run(["mount", "-o", "remount,size=1g", str(disk)], check=True)
             self.curlew(*self.command("all/2", out))
             self.expect_one_run(out)
         finally:
             subprocess.run(["umount", str(disk)], check=True)
+
+    @unittest.skipIf(SLOW, "a sanitizer's memory is not the program's")
+    def test_memory_does_not_grow_with_the_night(self):
+        # A process that comes of this one would begin with this one's memory, so a small one starts it.
+        start = ("import os, sys; process = os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ); "
+                 "_, status, used = os.wait4(process, 0); print('kB', used.ru_maxrss); sys.exit(status != 0)")
+
+        def most_memory_kB(*arguments):
+            run = subprocess.run([sys.executable, "-S", "-c", start, PROGRAM, *arguments], cwd=self.folder,
+                                 capture_output=True, text=True)
+            self.assertEqual(run.returncode, 0, run.stderr)
+            return int(run.stdout.split()[-1])
+
+        memory = {}
+        for times in (2, 16):
+            out = f"{self.tag}{times}.fits"
+            night = [*(self.names * times), "--sensor", "sensor.fits", *SETTINGS, "--out", out]
+            worker = most_memory_kB("replay", *night, "--shard", "1/2")
+            self.curlew("replay", *night, "--shard", "2/2")
+            shards = [f"{self.tag}{times}.shard-000{i}-of-0002.fits" for i in (1, 2)]
+            memory[times] = np.array([worker, most_memory_kB("merge", *shards, "--out", out)])
+            size_kB = (self.folder / out).stat().st_size / 1000
+        # Tables have up to 1 MB each in memory before they go to disk.
+        self.assertGreater(size_kB, 40_000)
+        self.assertTrue((memory[16] - memory[2] < 6_000).all(), memory)
 
     def test_progress_is_told_in_json(self):
         for shard, what, total in ((None, "replay", FRAMES), ("2/3", "shard 2 of 3", FRAMES // 3)):
@@ -270,6 +345,7 @@ class Sweep(Night):
         "higher": "[centroid]\nthreshold_noise = 6\n",
         "higher_too": "[centroid]\nthreshold_noise = 6\n[detect]\nfalse_alarms_per_frame = 1\n",
         "weighted": "[split]\nweighted = true\n",
+        "weighted_too": "[split]\nweighted = true\n[detect]\nfalse_alarms_per_frame = 1\n",
         "fixed": "[centroid]\nfollow_windows = false\n",
         "whole": "[split]\nhidden_phase = true\n[detect]\nfalse_alarms_per_frame = 0.1\n",
     }
@@ -321,9 +397,10 @@ class Sweep(Night):
 
 @unittest.skipUnless(shutil.which("mpirun"), "openmpi-bin is not installed")
 class Mpi(Night):
-    def mpirun(self, ranks):
+    def mpirun(self, ranks, out=None):
         environment = dict(os.environ, OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
-        return subprocess.Popen(["mpirun", "--oversubscribe", "-np", str(ranks), PROGRAM, *self.command("auto")],
+        return subprocess.Popen(["mpirun", "--oversubscribe", "-np", str(ranks), PROGRAM,
+                                 *self.command("auto", out)],
                                 cwd=self.folder, env=environment, stdout=subprocess.PIPE,
                                 stderr=subprocess.STDOUT, text=True)
 
@@ -334,17 +411,8 @@ class Mpi(Night):
         self.expect_one_run()
 
     def test_a_killed_rank_is_made_good_by_the_same_command(self):
-        run = self.mpirun(2)
-        time.sleep(0.8)
-        rank = subprocess.run(["pgrep", "-P", str(run.pid)], capture_output=True, text=True).stdout.split()
-        if rank:
-            os.kill(int(rank[-1]), signal.SIGKILL)
-        run.communicate(timeout=120)
-        if not (self.folder / self.out).exists():
-            run = self.mpirun(2)
-            said, _ = run.communicate(timeout=120)
-            self.assertEqual(run.returncode, 0, said)
-        self.expect_one_run()
+        self.expect_end_by_the_same_command(lambda out: self.mpirun(2, out),
+                                            lambda run: run.communicate(timeout=120)[0])
 
 
 try:
@@ -355,12 +423,20 @@ except ImportError:
 
 @unittest.skipUnless(distributed, "python3-distributed is not installed")
 class Dask(Night):
+    def start(self, out):
+        return subprocess.Popen([sys.executable, str(TREE / "docs" / "dask_replay.py"), "--local", "2", "5", out,
+                                 PROGRAM, "replay", *self.names, "--sensor", "sensor.fits", *SETTINGS],
+                                cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
     def test_dask_submits_gathers_and_merges(self):
-        run = subprocess.run([sys.executable, str(TREE / "docs" / "dask_replay.py"), "--local", "2", "5", self.out,
-                              PROGRAM, "replay", *self.names, "--sensor", "sensor.fits", *SETTINGS],
-                             cwd=self.folder, capture_output=True, text=True, timeout=180)
-        self.assertEqual(run.returncode, 0, run.stderr)
+        run = self.start(self.out)
+        said, _ = run.communicate(timeout=180)
+        self.assertEqual(run.returncode, 0, said)
         self.expect_one_run()
+
+    @unittest.skipIf(KILLS < 2, "CURLEW_NIGHT_KILLS kills workers of Dask; CI kills those of the others")
+    def test_killed_workers_are_made_good(self):
+        self.expect_end_by_the_same_command(self.start, lambda run: run.communicate(timeout=180)[0])
 
 
 def free_port():
@@ -447,27 +523,39 @@ PartitionName=all Nodes={host} Default=YES MaxTime=INFINITE State=UP OverSubscri
                 self.fail(f"{what} does not come: " + (self.state / "log").read_text()[-2000:])
             time.sleep(0.2)
 
-    def submit(self):
+    def submit(self, out=None):
         script = TREE / "packaging" / "slurm" / "curlew-replay.sbatch"
-        said = subprocess.run(["bash", str(script), "4", self.out, *self.names, "--sensor", "sensor.fits",
+        said = subprocess.run(["bash", str(script), "4", out or self.out, *self.names, "--sensor", "sensor.fits",
                                *SETTINGS], cwd=self.folder, env=self.environment, capture_output=True, text=True)
         self.assertEqual(said.returncode, 0, said.stderr)
 
+    def wait_for_jobs(self, _=None):
+        """Waits until no task is left, and drops a merge that waits for one that failed."""
+        self.wait_until(lambda: not self.run_tool("squeue", "-h", "-n", "curlew"), "the end of the tasks")
+        time.sleep(1)
+        for line in self.run_tool("squeue", "-h", "-n", "curlew-merge", "-o", "%i %r").splitlines():
+            if "DependencyNeverSatisfied" in line:
+                self.run_tool("scancel", line.split()[0])
+        self.wait_until(lambda: not self.run_tool("squeue", "-h"), "the end of the jobs")
+
     def test_an_array_and_its_merge(self):
         self.submit()
-        self.wait_until(lambda: (self.folder / self.out).exists() or not self.run_tool("squeue", "-h"), "the merge")
-        self.wait_until(lambda: not self.run_tool("squeue", "-h"), "the end of the jobs")
+        self.wait_for_jobs()
         self.expect_one_run()
 
     def test_a_lost_task_is_made_good_by_the_same_command(self):
+        self.expect_end_by_the_same_command(self.submit, self.wait_for_jobs)
+
+    def test_a_drained_node_only_delays_the_night(self):
+        node = self.run_tool("sinfo", "-h", "-o", "%n").strip()
         self.submit()
         self.wait_until(lambda: "R" in self.run_tool("squeue", "-h", "-o", "%t"), "a running task")
-        self.run_tool("scancel", "--full", "--signal=KILL", "--name=curlew")
-        self.wait_until(lambda: not self.run_tool("squeue", "-h", "-n", "curlew"), "the end of the tasks")
-        self.run_tool("scancel", "--name=curlew-merge")
-        self.wait_until(lambda: not self.run_tool("squeue", "-h"), "the end of the merge")
-        self.submit()
-        self.wait_until(lambda: not self.run_tool("squeue", "-h"), "the end of the jobs")
+        self.run_tool("scontrol", "update", f"NodeName={node}", "State=DRAIN", "Reason=test")
+        self.wait_until(lambda: "R" not in self.run_tool("squeue", "-h", "-o", "%t"), "the end of what runs")
+        self.assertFalse((self.folder / self.out).exists())
+        self.assertIn("PD", self.run_tool("squeue", "-h", "-o", "%t"))
+        self.run_tool("scontrol", "update", f"NodeName={node}", "State=RESUME")
+        self.wait_for_jobs()
         self.expect_one_run()
 
 

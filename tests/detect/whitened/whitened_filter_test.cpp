@@ -157,7 +157,6 @@ TEST(WhitenedFilter, FirstLookTellsTheFilterItself) {
   fill_planes(frame.slopes, frame.flux, frame.valid, kClutter, planes);
   FirstLook look;
   look.offset = 0.3F;
-  look.min_t_squared = 0.5F;
   look_over(look, planes);
   int passed = 0;
   for (int r = 0; r < kRows - 1; ++r) {
@@ -168,7 +167,7 @@ TEST(WhitenedFilter, FirstLookTellsTheFilterItself) {
       const float t2 = filter.sum * filter.sum / noise_variance(frame.slopes, filter, r, c);
       const float minimum = std::min(z2 / 0.09F, t2 / 0.5F);
       if (std::abs(minimum - 1.0F) > 0.02F) {
-        EXPECT_EQ(planes.margin(r, c) >= 0.0F, minimum > 1.0F) << r << ", " << c;
+        EXPECT_EQ(planes.first_t_squared(r, c) >= 0.5F, minimum > 1.0F) << r << ", " << c;
       }
       passed += minimum > 1.0F ? 1 : 0;
     }
