@@ -98,9 +98,9 @@ SpotCodings::SpotCodings(const DenseLayer& taught, const SpotCamera& camera, boo
 
 double SpotCodings::blur_of(double core_variance) const noexcept {
   if (std::isnan(core_variance)) return core_variance;
-  const auto above =
-      std::upper_bound(core_variance_.begin() + 1, core_variance_.end() - 1, core_variance);
-  const auto step = static_cast<double>(above - core_variance_.begin());
+  const double* const above = std::upper_bound(
+      core_variance_.data() + 1, core_variance_.data() + core_variance_.size() - 1, core_variance);
+  const auto step = static_cast<double>(above - core_variance_.data());
   const double part = (core_variance - above[-1]) / (above[0] - above[-1]);
   // Blur widens by its square.
   const double square =
@@ -121,7 +121,7 @@ const SpotCoding* SpotCodings::find(double blur) const noexcept {
 double typical_core_variance(const SpotFeatures& features, FrameView frame, const FrameShift& shift,
                              const Centroids& centroids, float mean_flux_adu,
                              float* buffer) noexcept {
-  constexpr std::size_t kSpots = 48;
+  constexpr std::size_t kSpots = 24;
   constexpr std::size_t kFewest = 8;
   constexpr std::size_t kStride = 7919;  // a prime, so that all lenslets are visited
   std::array<std::int32_t, kSpots> chosen;
@@ -144,9 +144,8 @@ double typical_core_variance(const SpotFeatures& features, FrameView frame, cons
     if (std::isfinite(variance)) variances[known++] = variance;
   }
   if (known < kFewest) return std::numeric_limits<double>::quiet_NaN();
-  const auto middle = variances.begin() + static_cast<std::ptrdiff_t>(known / 2);
-  std::nth_element(variances.begin(), middle,
-                   variances.begin() + static_cast<std::ptrdiff_t>(known));
+  double* const middle = variances.data() + known / 2;
+  std::nth_element(variances.data(), middle, variances.data() + known);
   return *middle;
 }
 

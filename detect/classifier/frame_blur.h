@@ -50,9 +50,9 @@ class SpotCodings {
   std::vector<SpotCoding> codings_;                 // as calibrated, then multiples of kStep
 };
 
-/// Returns the median variance of the cores of up to 48 bright spots in (λ/w)², and NaN where there
+/// Returns the median variance of the cores of up to 24 bright spots in (λ/w)², and NaN where there
 /// are fewer than 8. Turbulence hardly changes it: the brighter half of the spots is as wide behind
-/// Rytov variance 4 as without, within .014. `buffer` has room for 64 spots' features and
+/// Rytov variance 4 as without, within .014. `buffer` has room for 24 spots' features and
 /// kProjectionSlack more.
 double typical_core_variance(const SpotFeatures& features, FrameView frame, const FrameShift& shift,
                              const Centroids& centroids, float mean_flux_adu,

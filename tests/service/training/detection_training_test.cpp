@@ -78,7 +78,7 @@ TEST(TrainVortexClassifier, SameOptionsSameWeights) {
   const TrainingReport a = train_vortex_classifier(options, cache, [](const std::string&) {});
   const TrainingReport b = train_vortex_classifier(options, cache, [](const std::string&) {});
   EXPECT_EQ(weights_text(a, "x"), weights_text(b, "x"));
-  EXPECT_NE(weights_text(a, "x").find("version 3"), std::string::npos);
+  EXPECT_NE(weights_text(a, "x").find("version 4"), std::string::npos);
   for (const DenseLayer& layer : a.network.layers) {
     EXPECT_TRUE(std::all_of(layer.weights.begin(), layer.weights.end(),
                             [](float weight) { return std::isfinite(weight); }));
