@@ -31,6 +31,7 @@ void RunReport::merge(const RunReport& other) {
   measured += other.measured;
   lenslets += other.lenslets;
   in_islands += other.in_islands;
+  too_blurred += other.too_blurred;
   for (std::size_t i = 0; i < kFollowStates; ++i) followed[i] += other.followed[i];
   lost += other.lost;
   for (std::size_t i = 0; i < kLensletStates; ++i) unmeasured[i] += other.unmeasured[i];
@@ -101,6 +102,12 @@ std::vector<std::string> doubts(const RunReport& report) {
     texts.push_back(std::to_string(std::lround(100.0 * missing)) +
                     " % of the lenslets in the beam had no slope, because they were faint or "
                     "saturated: what is found beside them is less sure");
+  }
+  if (report.too_blurred > 0) {
+    texts.push_back("in " + std::to_string(report.too_blurred) + " of " +
+                    std::to_string(report.frames) +
+                    " frames the spots were wider than the classifier knows (a blur of over 0.9 "
+                    "lambda/w): it looked for no vortex there; the method whitened would have");
   }
   if (report.in_islands > 0) {
     texts.push_back("in " + std::to_string(report.in_islands) + " of " +
@@ -319,6 +326,7 @@ void Pipeline::publish(FrameSlot& slot, const Publisher& publisher) {
   report_.lost += slot.centroids.n_lost;
   report_.lenslets += slot.plan->split.lattice().n_lenslets();
   report_.in_islands += slot.split.n_large_islands > 1 ? 1 : 0;
+  report_.too_blurred += slot.detect_workspace.spots_are_too_wide() ? 1 : 0;
   report_.vortices += static_cast<std::int64_t>(slot.vortices.size());
   report_.overflow += slot.vortices.overflow();
   report_.not_converged += slot.split.converged ? 0 : 1;

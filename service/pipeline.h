@@ -28,6 +28,7 @@ struct RunReport {
   std::int64_t measured = 0;       ///< valid lenslets, over all frames
   std::int64_t lenslets = 0;       ///< lit lenslets of the sensor, over all frames
   std::int64_t in_islands = 0;     ///< frames whose phase has several large islands
+  std::int64_t too_blurred = 0;    ///< frames with wider spots than the classifier was taught
   /// How many frames each FollowState had, and how often lenslets were kLost; for frames whose
   /// windows follow the spots.
   std::array<std::int64_t, kFollowStates> followed{};
@@ -52,7 +53,7 @@ std::string nothing_measured(const RunReport& report);
 std::string followed_text(const RunReport& report);
 
 /// Returns sentences on what makes phase and vortices of the run less sure than they look: many
-/// lenslets without a slope, and phase in several islands.
+/// lenslets without a slope, spots that the classifier does not know, and phase in several islands.
 std::vector<std::string> doubts(const RunReport& report);
 
 /// Returns how many vortices were found, as "3 vortices", or "nothing measured".

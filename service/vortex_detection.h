@@ -50,6 +50,10 @@ class VortexDetectionPlan {
 struct VortexDetectionWorkspace {
   explicit VortexDetectionWorkspace(const VortexDetectionPlan& plan);
 
+  /// Returns whether no vortex was looked for, because the classifier does not know such wide
+  /// spots.
+  bool spots_are_too_wide() const { return classifier && classifier->coding == nullptr; }
+
   std::optional<WhitenedWorkspace> whitened;
   std::optional<ClassifierWorkspace> classifier;
 };

@@ -14,6 +14,7 @@
 #include "centroiding/calibration/optics_check.h"
 #include "centroiding/calibration/saturation_search.h"
 #include "centroiding/calibration/sentence.h"
+#include "centroiding/calibration/spot_blur.h"
 #include "centroiding/calibration/spot_picture.h"
 #include "centroiding/calibration/window_gain.h"
 #include "centroiding/calibration/window_layout.h"
@@ -307,7 +308,6 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
   const ReferenceFrames reference{input.reference_frames, input.adu_per_count, input.light_is_cut};
   WindowGains gains = find_window_gains(sensor, light, measured, threshold, options, reference);
   const double width_over_diffraction = gains.width_over_diffraction;
-  sensor.spot_blur_px = gains.spot_blur_px;
   if (options.method == CentroidMethod::kThresholded && !(options.threshold_relative > 0.0)) {
     auto cores = adopt_cores(sensor, light, threshold.min_adu, reference_noise_adu,
                              width_over_diffraction, notes);
@@ -318,6 +318,8 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
     }
   }
   set_gains(sensor, measured, gains.gains, notes);
+  const double blur_px = fit_spot_blur_px(sensor, light);
+  sensor.spot_blur_px = std::isfinite(blur_px) ? blur_px : gains.spot_blur_px;
   return width_over_diffraction;
 }
 

@@ -8,10 +8,6 @@
 namespace curlew {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
-double sinc(double x) { return x == 0.0 ? 1.0 : std::sin(kPi * x) / (kPi * x); }
-
 double threshold_of(const SpotView& view, const std::vector<double>& x,
                     const std::vector<double>& y) {
   const double peak = view.total_adu * *std::max_element(x.begin(), x.end()) *
@@ -29,42 +25,7 @@ double mean_signal(double light, double threshold, double noise_adu, double adu_
   if (std::abs(u) >= kCertain * sigma) return std::max(u, 0.0);
   const double z = u / sigma;
   return 0.5 * u * std::erfc(-z / std::numbers::sqrt2) +
-         sigma * std::exp(-0.5 * z * z) / std::sqrt(2.0 * kPi);
-}
-
-SpotModel::SpotModel(double diffraction_px, double blur_px) {
-  constexpr double kMinBlurOfPointPx = 0.2;
-  constexpr double kBlurPassesTo = 1.2;  // in units of 1/σ: exp(−2π²·1.44) = 5e-13
-  constexpr std::size_t kIntervals = 256;
-  const double d = diffraction_px > 0.0 ? diffraction_px : 0.0;
-  const double blur = d > 0.0 ? blur_px : std::max(blur_px, kMinBlurOfPointPx);
-  const double passed_by_blur = blur > 0.0 ? kBlurPassesTo / blur : 0.0;
-  const double passed_by_lenslet = d > 0.0 ? 1.0 / d : passed_by_blur;
-  const double last = blur > 0.0 ? std::min(passed_by_lenslet, passed_by_blur) : passed_by_lenslet;
-  step_ = last / static_cast<double>(kIntervals);
-  weight_.resize(kIntervals + 1);
-  for (std::size_t i = 0; i <= kIntervals; ++i) {
-    const double f = step_ * static_cast<double>(i);
-    const double passes =
-        (1.0 - f * d) * sinc(f) * std::exp(-2.0 * kPi * kPi * blur * blur * f * f);
-    const double simpson = i == 0 || i == kIntervals ? 1.0 : (i % 2 == 1 ? 4.0 : 2.0);
-    weight_[i] = 2.0 * passes * simpson * step_ / 3.0;
-  }
-}
-
-double SpotModel::share(double x_px) const {
-  // The recursion is cos(nφ) = 2·cos(φ)·cos((n−1)φ) − cos((n−2)φ).
-  const double twice = 2.0 * std::cos(2.0 * kPi * step_ * x_px);
-  double before = 0.5 * twice;
-  double now = 1.0;
-  double sum = 0.0;
-  for (const double weight : weight_) {
-    sum += weight * now;
-    const double next = twice * now - before;
-    before = now;
-    now = next;
-  }
-  return sum;
+         sigma * std::exp(-0.5 * z * z) / std::sqrt(2.0 * std::numbers::pi);
 }
 
 std::vector<double> SpotModel::shares(double centre, int first, int n) const {

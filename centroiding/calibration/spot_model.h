@@ -6,6 +6,7 @@
 
 #include "centroiding/sensor.h"
 #include "core/image.h"
+#include "core/spot_profile.h"
 
 namespace curlew {
 
@@ -42,20 +43,13 @@ struct WindowGain {
   double y = 1.0;
 };
 
-/// SpotModel is the spot of a square, evenly lit lenslet, sinc²(x/d)·sinc²(y/d) with d = λ·f·m/w
-/// (J. W. Goodman, Introduction to Fourier Optics, 2005, sec. 4.4.1), blurred by a Gaussian and
-/// integrated over square pixels. The light in a pixel whose centre lies x from the spot's is,
-/// along each axis and over the frequencies f that the lenslet passes,
-///     P(x) = 2 ∫₀^{1/d} (1 − f·d)·sinc(f)·exp(−2π²σ²f²)·cos(2πfx) df.
+/// SpotModel is a SpotProfile along either axis.
 class SpotModel {
  public:
-  /// Both lengths are in px, and diffraction_px is d. Where d is not positive the spot is the
-  /// Gaussian alone, whose blur is then at least 0.2 px.
-  SpotModel(double diffraction_px, double blur_px);
+  /// Takes the lengths of SpotProfile, in px.
+  SpotModel(double diffraction_px, double blur_px) : profile_(diffraction_px, blur_px) {}
 
-  /// Returns the share of the light in a column (or row) of pixels whose centre is x_px from the
-  /// spot's.
-  double share(double x_px) const;
+  double share(double x_px) const { return profile_.share(x_px); }  ///< of SpotProfile
 
   /// Returns the light in the window's pixels [h, w] in ADU, without noise.
   Image<float> picture(const SpotView& view) const;
@@ -74,8 +68,7 @@ class SpotModel {
  private:
   std::vector<double> shares(double centre, int first, int n) const;
 
-  double step_ = 0.0;           // step between frequencies, cycles per px
-  std::vector<double> weight_;  // weights of the frequencies, times those of the quadrature
+  SpotProfile profile_;
 };
 
 }  // namespace curlew

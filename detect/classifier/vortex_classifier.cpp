@@ -9,6 +9,7 @@
 
 #include "core/error.h"
 #include "core/size_check.h"
+#include "detect/classifier/lit_nodes.h"
 #include "detect/classifier/matrix_product.h"
 
 namespace curlew {
@@ -48,8 +49,15 @@ const float* apply_layers(const ClassifierNetwork& network, int first, int last,
   return in;
 }
 
-/// Chooses the nodes of which at most one lenslet is missing and to which the scout gives at least
-/// min_scout.
+/// Applies the encoder to the features of n spots in `in`, as apply_layers() does.
+const float* encode(const ClassifierNetwork& network, const DenseLayer& first, int n, float* in,
+                    float* out) noexcept {
+  multiply({in, first.inputs, 1}, first.weights.data(), first.bias.data(), n, first.inputs,
+           first.outputs, ClassifierNetwork::rectified(0), out);
+  return apply_layers(network, 1, ClassifierNetwork::kEncoderEnd, n, out, in);
+}
+
+/// Chooses the nodes that are seen and to which the scout gives at least min_scout.
 void choose_nodes(const ClassifierPlan& plan, const Centroids& centroids,
                   const CirculationMap& circulation, float mean,
                   ClassifierWorkspace& workspace) noexcept {
@@ -61,18 +69,15 @@ void choose_nodes(const ClassifierPlan& plan, const Centroids& centroids,
   const bool all = minimum <= kEveryNode;
   if (!all) {
     describe_lenslets(centroids, circulation, mean, plan.pixels_per_lambda_w(),
-                      plan.excess_spread(), workspace.scout);
+                      workspace.coding->excess_spread, workspace.scout);
     scout_nodes(plan.network(), workspace.scout);
   }
   const auto min_logit = all ? 0.0F : static_cast<float>(minimum);
   for (int row = 0; row < node_rows; ++row) {
     const float* logits = &workspace.scout.logits(row, 0);
     for (int col = 0; col < node_cols; ++col) {
-      if (!(all | (logits[col] >= min_logit))) continue;
-      int missing = 0;
-      for (int i = row; i <= row + 1; ++i)
-        for (int j = col; j <= col + 1; ++j) missing += is_missing(centroids.state(i, j)) ? 1 : 0;
-      if (missing <= 1) nodes.push(row * node_cols + col);
+      if ((all | (logits[col] >= min_logit)) && is_seen(centroids, mean, row, col))
+        nodes.push(row * node_cols + col);
     }
   }
 }
@@ -136,8 +141,8 @@ void encode_lenslets(const ClassifierPlan& plan, FrameView frame, const FrameShi
       plan.features().measure_many(frame, shift, chunk.data(), n, centroids.flux_adu.data(), mean,
                                    workspace.a.data());
     }
-    const float* codes = apply_layers(plan.network(), 0, ClassifierNetwork::kEncoderEnd, n,
-                                      workspace.a.data(), workspace.b.data());
+    const float* codes =
+        encode(plan.network(), workspace.coding->layer, n, workspace.a.data(), workspace.b.data());
     keep(codes);
   };
   for (const std::int32_t k : workspace.lenslets) {
@@ -255,7 +260,8 @@ const float* judge_patches(const ClassifierPlan& plan, const std::int32_t* nodes
                       workspace.b.data());
 }
 
-void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noexcept {
+void judge_nodes(const ClassifierPlan& plan, const Centroids& centroids, float mean,
+                 ClassifierWorkspace& workspace) noexcept {
   workspace.views.seen.clear();
   const int node_cols = plan.cols() - 1;
   const std::size_t n_nodes = workspace.nodes.size();
@@ -269,6 +275,7 @@ void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noe
       const int row = node / node_cols;
       const int col = node % node_cols;
       const auto see = [&](const Vortex& vortex) {
+        if (!is_seen(centroids, mean, vortex)) return;
         workspace.views.seen.push(
             {vortex, 2.0F / (vortex.variance_x + vortex.variance_y), row, col});
       };
@@ -296,12 +303,10 @@ ClassifierPlan::ClassifierPlan(const ClassifierOptions& options, const SpotCamer
     : options_(checked(options, camera)),
       features_(camera, format),
       network_(std::move(network)),
+      codings_(network_.layers.front(), camera, options.as_trained),
       judging_(network_.layers[ClassifierNetwork::kEncoderEnd], kPatch),
       screening_(network_.layers[ClassifierNetwork::kScoutEnd], kScreenPatch),
-      pixels_per_lambda_w_(static_cast<float>(camera.pixels_per_lambda_w)),
-      excess_spread_(curlew::excess_spread(traits_of(camera))) {
-  network_.layers.front() =
-      layer_for_sensor(network_.layers.front(), traits_of(camera), camera.rotation_rad);
+      pixels_per_lambda_w_(static_cast<float>(camera.pixels_per_lambda_w)) {
   // The first input of the scout's first layer is 1, so that its bias can be added to that input's
   // weights.
   DenseLayer& scouting = network_.layers[ClassifierNetwork::kHeadEnd];
@@ -309,22 +314,10 @@ ClassifierPlan::ClassifierPlan(const ClassifierOptions& options, const SpotCamer
     scouting.weights[i] += std::exchange(scouting.bias[i], 0.0F);
   AlignedVector<float> a(kSpotFeatures + 64, 0.0F);
   AlignedVector<float> b(a.size());
-  const float* code =
-      apply_layers(network_, 0, ClassifierNetwork::kEncoderEnd, 1, a.data(), b.data());
+  const float* code = encode(network_, codings_.as_calibrated().layer, 1, a.data(), b.data());
   missing_code_.assign(code, code + kCode);
   missing_rounded_.resize(kCode);
   round_codes(code, kCode, missing_rounded_.data());
-  // The first layer then takes the features in the order of measure_many().
-  if (!options_.as_trained) {
-    DenseLayer& measuring = network_.layers.front();
-    const AlignedVector<float> weights = measuring.weights;
-    const auto outputs = static_cast<std::size_t>(measuring.outputs);
-    for (std::size_t i = 0; i < kSpotFeatures; ++i) {
-      const auto place = static_cast<std::size_t>(kMeasuredPlaces[i]);
-      std::copy_n(weights.data() + i * outputs, outputs,
-                  measuring.weights.data() + place * outputs);
-    }
-  }
 }
 
 ClassifierWorkspace::ClassifierWorkspace(const ClassifierPlan& plan)
@@ -351,10 +344,14 @@ void find_classified_vortices(const ClassifierPlan& plan, FrameView frame, const
   check_size("find_classified_vortices", "circulation", size_of(circulation.value),
              {plan.rows() - 1, plan.cols() - 1});
   vortices.clear();
+  workspace.encoded = 0;
   const float mean = mean_flux(centroids);
+  const double core =
+      typical_core_variance(plan.features(), frame, shift, centroids, mean, workspace.a.data());
+  workspace.coding = plan.codings().find(plan.codings().blur_of(core));
+  if (workspace.coding == nullptr) return;
   choose_nodes(plan, centroids, circulation, mean, workspace);
   workspace.wanted.fill(0);
-  workspace.encoded = 0;
   if (plan.screens()) {
     gather_lenslets(plan, kScreenPatch, workspace);
     encode_lenslets(plan, frame, shift, centroids, mean, workspace);
@@ -362,7 +359,7 @@ void find_classified_vortices(const ClassifierPlan& plan, FrameView frame, const
   }
   gather_lenslets(plan, kPatch, workspace);
   encode_lenslets(plan, frame, shift, centroids, mean, workspace);
-  judge_nodes(plan, workspace);
+  judge_nodes(plan, centroids, mean, workspace);
   report_vortices(circulation, plan.options().min_probability, workspace.views, vortices);
 }
 

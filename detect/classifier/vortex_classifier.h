@@ -11,8 +11,8 @@
 #include "core/image.h"
 #include "core/vortex.h"
 #include "detect/classifier/classifier_network.h"
+#include "detect/classifier/frame_blur.h"
 #include "detect/classifier/patch_layer.h"
-#include "detect/classifier/sensor_encoder.h"
 #include "detect/classifier/spot_features.h"
 #include "detect/classifier/vortex_scout.h"
 #include "detect/classifier/vortex_views.h"
@@ -51,9 +51,8 @@ class ClassifierPlan {
   int rows() const { return features_.rows(); }  ///< in lenslets
   int cols() const { return features_.cols(); }
   float pixels_per_lambda_w() const { return pixels_per_lambda_w_; }
-  /// Returns by how much the spots' second moments, xx + yy, exceed those of sharp spots with
-  /// pixels of .5 λ/w, in (λ/w)².
-  float excess_spread() const { return excess_spread_; }
+  /// Returns what the encoder is told of the sensor, by the blur of a frame's spots.
+  const SpotCodings& codings() const { return codings_; }
   /// Return the first layers of head and screen in fixed point.
   const PatchLayer& judging() const { return judging_; }
   const PatchLayer& screening() const { return screening_; }
@@ -67,10 +66,10 @@ class ClassifierPlan {
   ClassifierOptions options_;
   SpotFeatures features_;
   ClassifierNetwork network_;
+  SpotCodings codings_;
   PatchLayer judging_;
   PatchLayer screening_;
   float pixels_per_lambda_w_;
-  float excess_spread_;
   AlignedVector<float> missing_code_;
   AlignedVector<std::int16_t> missing_rounded_;
 };
@@ -81,6 +80,8 @@ struct ClassifierWorkspace {
 
   static constexpr int kChunk = 48;  ///< lenslets or nodes that go through a layer together
 
+  /// What the encoder is told in this frame. Null where the spots are wider than it was taught.
+  const SpotCoding* coding = nullptr;
   ScoutWorkspace scout;
   Image<std::int16_t> codes;         ///< padded, [rows + 2, (cols + 2)·kCode], in 1/kCodeSteps
   Image<float> exact_codes;          ///< codes as floats, where options.as_trained
@@ -98,8 +99,11 @@ struct ClassifierWorkspace {
 /// allocates. `shift` says how level, noise and places of the spots differ from the calibration. An
 /// opposite pair nearer than about a pitch is one entry of charge 0 with kVortexUnresolvedPair
 /// where that is likelier than either of the two alone; its probability is that of such a pair.
+/// Where the spots are wider than those of the calibration, the encoder is told so; where they are
+/// wider than it was taught, nothing is found, and workspace.coding is null.
 /// Lenslets that are missing by is_missing() (vortex_scout.h) are left out. So are nodes of which
-/// two or more of the four lenslets are missing.
+/// two or more of the four lenslets are missing, or one that is not alone: over 3 of the 16 round
+/// them.
 void find_classified_vortices(const ClassifierPlan& plan, FrameView frame, const FrameShift& shift,
                               const Centroids& centroids, const CirculationMap& circulation,
                               ClassifierWorkspace& workspace, VortexList& vortices) noexcept;

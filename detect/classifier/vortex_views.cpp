@@ -63,9 +63,11 @@ class ViewMerger {
     if (reported_near(view, view.vortex, charge, kSameVortex) || is_pair_or_vortex(view)) return;
     Vortex vortex = at_mean_position(view);
     if (reported_near(view, vortex, charge, kSameVortex)) return;
-    vortex.circulation = circulation_.value(view.row, view.col);
-    vortex.significance =
-        significance(vortex.circulation, circulation_.variance(view.row, view.col));
+    if (circulation_.valid(view.row, view.col) != 0) {
+      vortex.circulation = circulation_.value(view.row, view.col);
+      vortex.significance =
+          significance(vortex.circulation, circulation_.variance(view.row, view.col));
+    }
     vortices.push(vortex);
     view.vortex = vortex;
     view.precision = -view.precision;  // A negative precision marks what has been reported.

@@ -21,9 +21,8 @@ std::string describe_spots(const Sensor& sensor, double width_over_diffraction) 
                              ? "undersampled: displacements bend within a pixel, by up to a quarter"
                              : (width_px < 2.0 ? "barely sampled" : "well sampled");
   return fmt::format(
-      "spots: {:.2f} times as wide as diffraction, which has {:.2f} px per lambda/w (blur {:.2f} "
-      "px "
-      "rms); {}",
+      "spots: {:.2f} times as wide as diffraction, which has {:.2f} px per lambda/w (blur of "
+      "their cores {:.2f} px rms); {}",
       width_over_diffraction, d_px, sensor.spot_blur_px, sampling);
 }
 

@@ -371,7 +371,7 @@ TrainingReport train_vortex_classifier(const TrainingOptions& options,
 
 std::string weights_text(const TrainingReport& report, const std::string& command) {
   std::string text = fmt::format(
-      "// Weights of the vortex classifier, version 3. Made, not written, by\n//   {}\n"
+      "// Weights of the vortex classifier, version 4. Made, not written, by\n//   {}\n"
       "// --from-shipped begins with the weights that stood here before.\n"
       "// Validation (Rytov variance, photons: average precision, F1, rms in pitches):\n",
       command);

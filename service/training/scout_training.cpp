@@ -119,7 +119,8 @@ GateLessons scout_lessons(const std::vector<TrainingField>& fields,
              [&](const ClassifierPlan& classifier, const MeasuredFrame& frame,
                  ClassifierWorkspace& workspace, const Image<float>& found) {
                describe_lenslets(frame.centroids, frame.circulation, mean_flux(frame.centroids),
-                                 classifier.pixels_per_lambda_w(), classifier.excess_spread(),
+                                 classifier.pixels_per_lambda_w(),
+                                 classifier.codings().as_calibrated().excess_spread,
                                  workspace.scout);
                for (int row = 0; row < found.rows(); ++row) {
                  describe_nodes(row, workspace.scout);

@@ -78,19 +78,32 @@ Image<float> binned(const Image<float>& light, int window, int bin, int x, int y
   return sums;
 }
 
+/// Says what the optics do to spots. Lengths are in λ/w.
+struct DrawnOptics {
+  double blur = 0.0;
+  double skirt = 0.0;        ///< part of the light that lies in a wide skirt
+  double skirt_sigma = 2.0;  ///< σ of the skirt
+};
+
 /// Makes the light of a sensor whose pixels are `bin` of the field's.
-DrawnSensor see(const TrainingField& field, const Cut& cut, double blur, int bin, int x, int y) {
+DrawnSensor see(const TrainingField& field, const Cut& cut, const DrawnOptics& optics, int bin,
+                int x, int y) {
   DrawnSensor sensor;
   const int samples = base_samples(field);
   Image<float> light = cut_windows(field, cut);
-  if (blur > 0.0) light = blurred(light, blur * samples);
+  if (optics.blur > 0.0) light = blurred(light, optics.blur * samples);
+  if (optics.skirt > 0.0) {
+    const Image<float> wide = blurred(light, optics.skirt_sigma * samples);
+    const auto part = static_cast<float>(optics.skirt);
+    for (std::size_t i = 0; i < light.size(); ++i) light[i] += part * (wide[i] - light[i]);
+  }
   sensor.light = binned(light, cut.window, bin, x, y);
   sensor.parameters = field.parameters;
   sensor.parameters.rows = cut.rows;
   sensor.parameters.cols = cut.cols;
   sensor.parameters.window_px = (cut.window - std::max(x, y)) / bin;
   sensor.parameters.samples_per_lambda_w = static_cast<double>(samples) / bin;
-  sensor.blur = blur;
+  sensor.told_blur = optics.blur;
   sensor.first_row = cut.first_row;
   sensor.first_col = cut.first_col;
   const auto reference = [&](int begin) {
@@ -100,6 +113,16 @@ DrawnSensor see(const TrainingField& field, const Cut& cut, double blur, int bin
   sensor.reference_y_px = reference(y);
   sensor.missing = Image<std::uint8_t>(cut.rows, cut.cols);
   return sensor;
+}
+
+DrawnOptics draw_optics(RandomStream& random) {
+  DrawnOptics optics;
+  if (random.uniform() >= 0.3) optics.blur = 0.8 * random.uniform();
+  if (random.uniform() < 0.2) {
+    optics.skirt = 0.4 * random.uniform();
+    optics.skirt_sigma = 1.2 + 1.3 * random.uniform();
+  }
+  return optics;
 }
 
 void scale_lenslet(DrawnSensor& sensor, int row, int col, float factor) {
@@ -192,7 +215,7 @@ SpotCamera camera_of(const DrawnSensor& sensor) {
   }
   camera.pixels_per_lambda_w = p.samples_per_lambda_w;
   camera.background_adu = kBiasAdu;
-  camera.blur_lambda_w = sensor.blur;
+  camera.blur_lambda_w = sensor.told_blur;
   return camera;
 }
 
@@ -283,7 +306,7 @@ DrawnSensor plain_sensor(const TrainingField& field, bool coarse) {
   const int samples = base_samples(field);
   const int usual = std::min(static_cast<int>(kUsualWindow * samples), p.window_px);
   const Cut cut{p.rows, p.cols, 0, 0, coarse ? p.window_px : usual, false};
-  return see(field, cut, 0.0, coarse ? samples : static_cast<int>(samples / kUsualSampling), 0, 0);
+  return see(field, cut, {}, coarse ? samples : static_cast<int>(samples / kUsualSampling), 0, 0);
 }
 
 DrawnSensor draw_sensor(const TrainingField& field, RandomStream& random) {
@@ -295,22 +318,26 @@ DrawnSensor draw_sensor(const TrainingField& field, RandomStream& random) {
   cut.first_row = static_cast<int>(random.uniform() * (p.rows - cut.rows + 1));
   cut.first_col = static_cast<int>(random.uniform() * (p.cols - cut.cols + 1));
   cut.window = std::min(static_cast<int>(kUsualWindow * samples), p.window_px);
-  if (random.uniform() < 0.4)
-    return see(field, cut, 0.0, static_cast<int>(samples / kUsualSampling), 0, 0);
+  if (random.uniform() < 0.45)
+    return see(field, cut, {}, static_cast<int>(samples / kUsualSampling), 0, 0);
   constexpr std::array<int, 6> kWindows{2, 3, 3, 4, 4, 6};  // λ/w
   constexpr std::array<int, 8> kBins{1, 2, 2, 2, 3, 4, 4, 5};
   constexpr int kFewestPixels = 3;  // along a window's side
   cut.window = std::min(one_of(kWindows, random) * samples, p.window_px);
   cut.neighbours = cut.window < p.window_px && random.uniform() < 0.5;
-  const double blur = random.uniform() < 0.3 ? 0.0 : 0.8 * random.uniform();
+  const DrawnOptics optics = draw_optics(random);
   int bin = one_of(kBins, random);
   while ((cut.window - (bin - 1)) / bin < kFewestPixels) --bin;
   const auto begin = [&] {
     return random.uniform() < 0.3 ? 0 : static_cast<int>(random.uniform() * bin);
   };
   const int x = begin();
-  DrawnSensor sensor = see(field, cut, blur, bin, x, begin());
+  DrawnSensor sensor = see(field, cut, optics, bin, x, begin());
   sensor.usual = false;
+  // What is known of the blur is not exact.
+  constexpr double kVarianceError = 0.015;  // (λ/w)²
+  sensor.told_blur =
+      std::sqrt(std::max(optics.blur * optics.blur + kVarianceError * random.gaussian(), 0.0));
   const double kind = random.uniform();
   if (kind < 0.25) {
     shade(draw_pupil(cut.rows, cut.cols, random), sensor);

@@ -15,7 +15,7 @@ namespace curlew {
 struct DrawnSensor {
   bool usual = true;           ///< the benchmark's
   FieldParameters parameters;  ///< of the block: its lenslets, its pixels
-  double blur = 0.0;           ///< λ/w
+  double told_blur = 0.0;      ///< λ/w; what the network is told
   float reference_x_px = 0;    ///< a flat wave's spot in its window
   float reference_y_px = 0;
   int first_row = 0;  ///< the field's lenslet that is the block's first
@@ -41,10 +41,11 @@ inline constexpr int kBlockLenslets = 30;
 /// Returns the light of all the field's lenslets, in sharp windows of ±1.5 λ/w and pixels of .5
 /// λ/w as in the benchmark or, where `coarse`, in the field's whole windows and pixels of 1 λ/w.
 DrawnSensor plain_sensor(const TrainingField& field, bool coarse);
-/// Draws a block and a sensor. Two of five are the benchmark's. The others have blurs of 0 to .8
-/// λ/w, pixels of .25 to 1.25 λ/w at any place, windows of ±1 to ±3 λ/w with or without their
-/// neighbours' light, and some have dark lenslets, pupils that are smaller than the array, or
-/// lenslets of unequal brightness.
+/// Draws a block and a sensor. Nine of twenty are the benchmark's. The others have blurs of 0 to
+/// .8 λ/w, known to .015 (λ/w)², some with up to .4 of the light in a wide skirt, pixels of .25
+/// to 1.25 λ/w at any place, windows of ±1 to ±3 λ/w with or without their neighbours' light, and
+/// some have dark lenslets, pupils that are smaller than the array, or lenslets of unequal
+/// brightness.
 DrawnSensor draw_sensor(const TrainingField& field, RandomStream& random);
 /// Draws the noise. `usual`: only photons and read noise, as in the benchmark.
 DrawnNoise draw_noise(bool usual, RandomStream& random);

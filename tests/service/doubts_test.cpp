@@ -27,9 +27,20 @@ TEST(Doubts, AreSaidOfFadedLensletsAndOfIslands) {
   EXPECT_TRUE(doubts(report_of(0, 0, 3)).empty()) << "nothing was measured, which is another word";
 }
 
+TEST(Doubts, AreSaidOfSpotsThatTheClassifierDoesNotKnow) {
+  RunReport report = report_of(1000, 0, 0);
+  report.too_blurred = 4;
+  ASSERT_EQ(doubts(report).size(), 1U);
+  EXPECT_EQ(doubts(report)[0].rfind("in 4 of 10 frames the spots were wider", 0), 0U);
+}
+
 TEST(Doubts, AddUpOverRuns) {
   RunReport sum = report_of(500, 10, 1);
-  sum.merge(report_of(400, 20, 2));
+  sum.too_blurred = 1;
+  RunReport more = report_of(400, 20, 2);
+  more.too_blurred = 3;
+  sum.merge(more);
+  EXPECT_EQ(sum.too_blurred, 4);
   EXPECT_EQ(sum.lenslets, 2000);
   EXPECT_EQ(sum.in_islands, 3);
 }

@@ -76,7 +76,7 @@ TEST(TrainVortexClassifier, SameOptionsSameWeights) {
   options.batch = 64;
 #endif
   const TrainingReport a = train_vortex_classifier(options, cache, [](const std::string&) {});
-  EXPECT_NE(weights_text(a, "x").find("version 3"), std::string::npos);
+  EXPECT_NE(weights_text(a, "x").find("version 4"), std::string::npos);
   for (const DenseLayer& layer : a.network.layers) {
     EXPECT_TRUE(std::all_of(layer.weights.begin(), layer.weights.end(),
                             [](float weight) { return std::isfinite(weight); }));
