@@ -20,9 +20,9 @@ struct SharpPixelPlan {
 
   LensletGrid grid;
   /// A pixel may be this many times as bright as the second brightest of its four neighbours, above
-  /// the level; 1.4 times what the reference spots show, or would show in the middle of a pixel: all
-  /// of them may lie between pixels, where a spot is hardly sharp. 0: nothing is looked for, because
-  /// the spots are so sharp themselves, or nothing is known of them.
+  /// the level; 1.4 times what the reference spots show, or would show in the middle of a pixel:
+  /// all of them may lie between pixels, where a spot is hardly sharp. 0: nothing is looked for,
+  /// because the spots are so sharp themselves, or nothing is known of them.
   float sharpness = 0;
   float dark = 0;  ///< the dark that 99 % of the pixels stay below, counts
 };
