@@ -15,9 +15,8 @@
 HWY_BEFORE_NAMESPACE();
 namespace curlew::HWY_NAMESPACE {
 
-inline void find_brightest(const CentroidPlan& plan, const Windows& windows,
-                           GroupPositions& found) {
-  const auto n = static_cast<std::size_t>(plan.brightest_pixels);
+/// Returns each lenslet's (n + 1)-th brightest pixel.
+inline V next_to_brightest(const Windows& windows, std::size_t n) {
   // These are each lenslet's n + 1 brightest pixels, the brightest first.
   V brightest[kMaxBrightestPixels + 1];
   for (std::size_t m = 0; m <= n; ++m) brightest[m] = hn::Zero(d);
@@ -31,7 +30,12 @@ inline void find_brightest(const CentroidPlan& plan, const Windows& windows,
       }
     }
   }
-  const V threshold = brightest[n];
+  return brightest[n];
+}
+
+inline void find_brightest(const CentroidPlan& plan, const Windows& windows,
+                           GroupPositions& found) {
+  const V threshold = next_to_brightest(windows, static_cast<std::size_t>(plan.brightest_pixels));
   const V first_x = hn::Neg(load(windows.group.half_x));
   const V first_y = hn::Neg(load(windows.group.half_y));
   V sum = hn::Zero(d), sum_x = sum, sum_y = sum;

@@ -259,6 +259,13 @@ std::vector<WindowMeasurement> adopt_cores(Sensor& sensor, const Image<float>& l
   return cores;
 }
 
+/// Returns what light counts in the reference, as the options say it of frames.
+SignalThreshold reference_threshold(const CentroidOptions& options, double noise_adu) {
+  if (options.method == CentroidMethod::kPlain) return {};
+  return {std::max(options.threshold_adu, options.threshold_noise * noise_adu),
+          options.threshold_relative};
+}
+
 /// Sets windows, first references, flux and gain of every lit lenslet. Returns how wide the typical
 /// spot is over what diffraction makes it.
 double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>& light,
@@ -276,11 +283,7 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
 
   const double noise_adu = sensor.detector.read_noise_e / sensor.detector.e_per_adu;
   sensor.method = options.method;
-  const SignalThreshold threshold =
-      options.method == CentroidMethod::kPlain
-          ? SignalThreshold{}
-          : SignalThreshold{std::max(options.threshold_adu, options.threshold_noise * noise_adu),
-                            options.threshold_relative};
+  const SignalThreshold threshold = reference_threshold(options, noise_adu);
   std::vector<WindowMeasurement> measured(found.lit.size());
   int n_dropped = 0;
   for (std::size_t k = 0; k < found.lit.size(); ++k) {
