@@ -177,6 +177,8 @@ ShardRecord read_shard_record(const std::string& path) {
     throw Failure(path + " is no shard: 'curlew replay --shard' writes them");
   if (!file.try_select(kTable) || file.row_count() != 1)
     throw Failure(path + " is damaged: it was cut off; do it again");
+  if (!file.has_column("CONTENTS"))
+    throw Failure(path + " was made by an older version of Curlew; do it again with this one");
   ShardRecord record;
   std::string digest;
   const FieldReader read{file};
