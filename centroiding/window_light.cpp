@@ -63,8 +63,8 @@ WindowSum sum_window(const CentroidPlan& plan, FrameView frame, const WindowSpot
 void sum_window_light(const CentroidPlan& plan, FrameView frame, const Centroids& centroids,
                       const FrameLevels* levels, Image<float>& light_adu,
                       Image<float>& area_px) noexcept {
-  const double adu_per_count = static_cast<double>(plan.adu_per_count);
-  const double threshold = static_cast<double>(levels ? levels->threshold : plan.threshold);
+  const auto adu_per_count = static_cast<double>(plan.adu_per_count);
+  const auto threshold = static_cast<double>(levels ? levels->threshold : plan.threshold);
   for (std::size_t k = 0; k < plan.spots.size(); ++k) {
     light_adu[k] = area_px[k] = 0.0F;
     const WindowSpot& spot = plan.spots[k];
