@@ -10,9 +10,6 @@
 namespace curlew {
 namespace {
 
-constexpr float kCentred =
-    0.1F;  // pitches; a spot farther from its window's middle gets it centred
-
 /// Copies what was measured of `n` lenslets from `first` on.
 void copy_lenslets(const Centroids& from, std::size_t first, std::size_t n,
                    Centroids& to) noexcept {
@@ -80,17 +77,16 @@ bool WindowFollower::go_by_forecast(const LevelPlan& level_plan, FrameLevels& le
 
 /// Returns whether lenslet k's spot lies off its window's middle, as it was measured at first.
 bool WindowFollower::is_off_centre(const Centroids& looked, std::size_t k) const noexcept {
-  const float near_px = kCentred * pitch_px_;
-  const float x = looked.x_px[k] - ref_x_px_[k] - moved_x_px_[k];
-  const float y = looked.y_px[k] - ref_y_px_[k] - moved_y_px_[k];
-  return x * x + y * y > near_px * near_px;
+  const float x = looked.x_px[k] - middle_x_px_[k] - moved_x_px_[k];
+  const float y = looked.y_px[k] - middle_y_px_[k] - moved_y_px_[k];
+  return x * x + y * y > reach_px_ * reach_px_;
 }
 
 /// Centres lenslet k's window on its spot, for this frame only.
 void WindowFollower::centre_window(const CentroidPlan& plan, const Centroids& looked, std::size_t k,
                                    Centroids& centroids) noexcept {
-  const float x = looked.x_px[k] - ref_x_px_[k] - moved_x_px_[k];
-  const float y = looked.y_px[k] - ref_y_px_[k] - moved_y_px_[k];
+  const float x = looked.x_px[k] - middle_x_px_[k] - moved_x_px_[k];
+  const float y = looked.y_px[k] - middle_y_px_[k] - moved_y_px_[k];
   place_window(plan, k, static_cast<int>(std::lround(moved_x_px_[k])) + steps_to(x),
                static_cast<int>(std::lround(moved_y_px_[k])) + steps_to(y), centred_);
   centroids.moved_x_px[k] = static_cast<float>(centred_[k].x0 - plan.spots[k].x0);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -42,8 +43,17 @@ struct Sensor {
   Image<float> ref_x_px;      ///< position of the reference spot; NaN where not valid
   Image<float> ref_y_px;
   Image<Window> window;  ///< {0,0,0,0} where not valid
-  Image<float> gain_x;   ///< measured over true displacement, 1 where the window cuts off no light
-  Image<float> gain_y;   ///< NaN where not valid
+  /// Along either axis a spot that is measured q px from its reference, in a window that has
+  /// followed it by whole pixels, lies q/gain + bend2·q² + bend3·q³ from it. The gain is 1 where
+  /// the window cuts off no light. The curve holds while the spot is within curve_reach_px() of
+  /// its window's middle; beyond, the bends stay what they are there. NaN where not valid. The
+  /// bends may be empty, for none.
+  Image<float> gain_x;
+  Image<float> gain_y;
+  Image<float> bend2_x;  ///< px⁻¹
+  Image<float> bend2_y;
+  Image<float> bend3_x;  ///< px⁻²
+  Image<float> bend3_y;
   CentroidMethod method = CentroidMethod::kThresholded;            ///< method of the measured gains
   double spot_blur_px = std::numeric_limits<double>::quiet_NaN();  ///< σ; NaN where it is not known
   /// σ of the reference spots above the threshold, px; NaN where it is not known.
@@ -66,13 +76,40 @@ struct Sensor {
   Image<std::uint8_t> bad_pixel;
 };
 
+/// These are the maps of a sensor that hold a number for every lenslet.
+inline constexpr std::array kLensletMaps{&Sensor::ref_x_px, &Sensor::ref_y_px, &Sensor::gain_x,
+                                         &Sensor::gain_y,   &Sensor::bend2_x,  &Sensor::bend2_y,
+                                         &Sensor::bend3_x,  &Sensor::bend3_y,  &Sensor::flux_adu};
+
+/// Returns how far from its window's middle the frame path leaves a spot, px, before it centres the
+/// window on it.
+inline double spot_reach_px(double pitch_px) { return std::max(0.75, 0.1 * pitch_px); }
+
+/// Returns how far from the middles of their windows the curves of the gains reach, px: what a
+/// window cuts off changes within the width of a spot's core, so that no cubic tells it farther.
+inline double curve_reach_px(const Sensor& sensor) {
+  const double core_px =
+      std::isfinite(sensor.spot_gaussian_px) ? sensor.spot_gaussian_px : sensor.spot_sigma_px;
+  const double reach_px = std::isfinite(core_px) ? std::max(0.75, core_px) : 0.75;
+  return std::min(reach_px, spot_reach_px(sensor.grid.pitch_px()));
+}
+
+/// Returns how far a reference at ref_px is from the middle of its window of `length` pixels from
+/// `start` on, px: less than half a pixel, by which windows are laid. A window that is cut, or
+/// parted from its neighbour, has its middle elsewhere, and 0 is returned.
+inline double off_middle_px(double ref_px, int start, int length) {
+  constexpr double kLaidOtherwise = 0.6;
+  constexpr double kMost = 0.499;
+  const double off_px = ref_px - (start + 0.5 * (length - 1));
+  return std::abs(off_px) < kLaidOtherwise ? std::clamp(off_px, -kMost, kMost) : 0.0;
+}
+
 /// Takes lenslet k out of the sensor.
 inline void drop_lenslet(Sensor& sensor, std::size_t k) {
   sensor.valid[k] = 0;
   sensor.window[k] = {};
-  for (Image<float>* map :
-       {&sensor.ref_x_px, &sensor.ref_y_px, &sensor.gain_x, &sensor.gain_y, &sensor.flux_adu})
-    (*map)[k] = std::numeric_limits<float>::quiet_NaN();
+  for (const auto map : kLensletMaps)
+    if (!(sensor.*map).empty()) (sensor.*map)[k] = std::numeric_limits<float>::quiet_NaN();
 }
 
 /// Adds `bad` to the sensor's bad pixels. The map is [frame_rows, frame_cols] or empty.

@@ -94,19 +94,43 @@ class SlopeKernel {
     return hn::Add(sum(a, x, b, y), hn::Mul(set(c), z));
   }
 
-  struct Axis {
-    V displacement;  ///< px, by which the gain has been divided
-    V variance;      ///< px²
+  /// These are the plan's maps along an axis.
+  struct AxisPlan {
+    const Image<float>& ref_px;
+    const Image<float>& off_px;
+    const Image<float>& inverse_gain;
+    const Image<float>& bend2;
+    const Image<float>& bend3;
+    const Image<float>& gain_error;
   };
-  /// The gain is that of the window, so it applies to the displacement within the window. A dark
-  /// lenslet's spot is most likely where those of the others are.
-  static HWY_INLINE Axis along(V from_ref, V moved, V low, M dark, V inverse_gain, V gain_error,
-                               V noise) {
-    const V in_window = hn::Mul(hn::Sub(from_ref, moved), inverse_gain);
-    const V error = hn::Mul(gain_error, in_window);
-    const V of_noise = hn::Mul(hn::Mul(noise, inverse_gain), inverse_gain);
-    return {hn::Add(in_window, hn::IfThenElse(dark, low, moved)),
-            hn::Add(of_noise, hn::Mul(error, error))};
+  struct Axis {
+    V displacement;        ///< px
+    V variance;            ///< px²
+    V true_over_measured;  ///< of a small step from where the spot lies
+  };
+  /// The curve is that of the window, so it applies to the displacement within the window. A dark
+  /// lenslet's spot is most likely where those of the others are. `noise` is the variance of the
+  /// measured place.
+  HWY_INLINE Axis along(const AxisPlan& plan, const Image<float>& at_px,
+                        const Image<float>& moved_px, const Image<float>& low_px, M has_spot,
+                        M dark, V noise, std::size_t k) const {
+    const V zero = hn::Zero(D());
+    const V moved = only_if(has_spot, load(moved_px, k));
+    const V q = hn::Sub(hn::Sub(true_px(at_px, k), load(plan.ref_px, k)), moved);
+    const V off = load(plan.off_px, k);
+    const V reach = set(plan_.reach_px);
+    const V near = hn::Sub(hn::Min(hn::Max(hn::Add(q, off), hn::Sub(zero, reach)), reach), off);
+    const V inverse_gain = load(plan.inverse_gain, k);
+    const V bend2 = load(plan.bend2, k);
+    const V bend3_near = hn::Mul(load(plan.bend3, k), near);
+    const V bent = hn::Mul(hn::Mul(near, near), hn::Add(bend2, bend3_near));
+    const V in_window = only_if(has_spot, hn::Add(hn::Mul(q, inverse_gain), bent));
+    const V steeper =
+        hn::Mul(near, hn::Add(hn::Mul(set(2.0F), bend2), hn::Mul(set(3.0F), bend3_near)));
+    const V slope = only_if(has_spot, hn::Max(hn::Add(inverse_gain, steeper), zero));
+    const V error = hn::Mul(load(plan.gain_error, k), in_window);
+    return {hn::Add(in_window, hn::IfThenElse(dark, load(low_px, k), moved)),
+            hn::Add(hn::Mul(hn::Mul(noise, slope), slope), hn::Mul(error, error)), slope};
   }
 
   HWY_INLINE Slopes measure(std::size_t k) const {
@@ -125,18 +149,18 @@ class SlopeKernel {
     const M dark = hn::AndNot(lit, soft);
     const M measured = hn::Or(valid, weak);
 
-    const V gx = only_if(measured, load(plan_.inverse_gain_x, k));
-    const V gy = only_if(measured, load(plan_.inverse_gain_y, k));
     const V low_x = load(centroids_.low_x_px, k);
     const V low_y = load(centroids_.low_y_px, k);
-    const auto [dx, vx] =
-        along(hn::Sub(true_px(centroids_.x_px, k), load(plan_.ref_x_px, k)),
-              only_if(measured, load(centroids_.moved_x_px, k)), low_x, dark, gx,
-              load(plan_.gain_error_x, k), noise(load(centroids_.variance_x_px2, k), weak));
-    const auto [dy, vy] =
-        along(hn::Sub(true_px(centroids_.y_px, k), load(plan_.ref_y_px, k)),
-              only_if(measured, load(centroids_.moved_y_px, k)), low_y, dark, gy,
-              load(plan_.gain_error_y, k), noise(load(centroids_.variance_y_px2, k), weak));
+    const auto [dx, vx, gx] =
+        along({plan_.ref_x_px, plan_.off_x_px, plan_.inverse_gain_x, plan_.bend2_x, plan_.bend3_x,
+               plan_.gain_error_x},
+              centroids_.x_px, centroids_.moved_x_px, centroids_.low_x_px, measured, dark,
+              noise(load(centroids_.variance_x_px2, k), weak), k);
+    const auto [dy, vy, gy] =
+        along({plan_.ref_y_px, plan_.off_y_px, plan_.inverse_gain_y, plan_.bend2_y, plan_.bend3_y,
+               plan_.gain_error_y},
+              centroids_.y_px, centroids_.moved_y_px, centroids_.low_y_px, measured, dark,
+              noise(load(centroids_.variance_y_px2, k), weak), k);
     const V c = hn::Mul(hn::Mul(load(centroids_.covariance_xy_px2, k), gx), gy);
 
     const float m11 = plan_.m11, m12 = plan_.m12, m21 = plan_.m21, m22 = plan_.m22;
@@ -247,11 +271,30 @@ void require_length(double value, const std::string& name) {
   }
 }
 
-/// Returns SlopePlan::gain_error_x or gain_error_y; it is [rows, cols], and 0 where not valid.
-Image<float> gain_error(const Image<float>& gain, const Image<std::uint8_t>& valid) {
+/// Returns the map, or zeros of its size where a sensor has none.
+Image<float> map_or_zeros(const Image<float>& map, const Image<std::uint8_t>& valid) {
+  Image<float> values(valid.rows(), valid.cols());
+  if (map.empty()) return values;
+  for (std::size_t k = 0; k < values.size(); ++k)
+    if (valid[k] != 0) values[k] = map[k];
+  return values;
+}
+
+/// Returns SlopePlan::gain_error_x or gain_error_y; it is [rows, cols], and 0 where not valid. The
+/// other maps are those of the plan along the axis.
+Image<float> gain_error(const Image<float>& inverse_gain, const Image<float>& bend2,
+                        const Image<float>& bend3, const Image<float>& off_px, float reach_px,
+                        const Image<std::uint8_t>& valid) {
+  Image<float> gain(valid.rows(), valid.cols());
   std::vector<float> sorted;
   for (std::size_t k = 0; k < gain.size(); ++k) {
-    if (valid[k] != 0) sorted.push_back(gain[k]);
+    if (valid[k] == 0) continue;
+    // This is the mean of the curve's derivative from −off − reach to −off + reach.
+    const float off = off_px[k];
+    const float mean = inverse_gain[k] - 2.0F * bend2[k] * off +
+                       bend3[k] * (3.0F * off * off + reach_px * reach_px);
+    gain[k] = 1.0F / std::max(mean, inverse_gain[k]);
+    sorted.push_back(gain[k]);
   }
   Image<float> error(gain.rows(), gain.cols());
   if (sorted.empty()) return error;
@@ -270,7 +313,13 @@ SlopePlan::SlopePlan(const Sensor& sensor)
       ref_x_px(sensor.valid.rows(), sensor.valid.cols()),
       ref_y_px(sensor.valid.rows(), sensor.valid.cols()),
       inverse_gain_x(sensor.valid.rows(), sensor.valid.cols()),
-      inverse_gain_y(sensor.valid.rows(), sensor.valid.cols()) {
+      inverse_gain_y(sensor.valid.rows(), sensor.valid.cols()),
+      bend2_x(map_or_zeros(sensor.bend2_x, sensor.valid)),
+      bend2_y(map_or_zeros(sensor.bend2_y, sensor.valid)),
+      bend3_x(map_or_zeros(sensor.bend3_x, sensor.valid)),
+      bend3_y(map_or_zeros(sensor.bend3_y, sensor.valid)),
+      off_x_px(sensor.valid.rows(), sensor.valid.cols()),
+      off_y_px(sensor.valid.rows(), sensor.valid.cols()) {
   require_length(sensor.optics.pitch_m, "lenslet pitch");
   require_length(sensor.optics.focal_m, "focal length");
   require_length(sensor.optics.pixel_m, "pixel size");
@@ -285,6 +334,7 @@ SlopePlan::SlopePlan(const Sensor& sensor)
   m12 = static_cast<float>(-scale * sensor.grid.p12);
   m21 = static_cast<float>(-scale * sensor.grid.p21);
   m22 = static_cast<float>(scale * sensor.grid.p11);
+  reach_px = static_cast<float>(curve_reach_px(sensor));
 
   for (std::size_t k = 0; k < sensor.valid.size(); ++k) {
     if (sensor.valid[k] == 0) continue;
@@ -298,9 +348,17 @@ SlopePlan::SlopePlan(const Sensor& sensor)
     }
     ref_x_px[k] = sampling.true_px(sensor.ref_x_px[k]);
     ref_y_px[k] = sampling.true_px(sensor.ref_y_px[k]);
-    // The curve is all that keeps small spots' centres of gravity from where the spots lie.
-    inverse_gain_x[k] = sampling.empty() ? 1.0F / sensor.gain_x[k] : 1.0F;
-    inverse_gain_y[k] = sampling.empty() ? 1.0F / sensor.gain_y[k] : 1.0F;
+    const Window& window = sensor.window[k];
+    off_x_px[k] = static_cast<float>(
+        off_middle_px(static_cast<double>(sensor.ref_x_px[k]), window.x0, window.w));
+    off_y_px[k] = static_cast<float>(
+        off_middle_px(static_cast<double>(sensor.ref_y_px[k]), window.y0, window.h));
+    inverse_gain_x[k] = 1.0F / sensor.gain_x[k];
+    inverse_gain_y[k] = 1.0F / sensor.gain_y[k];
+    if (sampling.empty()) continue;
+    // The sampling curve is all that keeps small spots' centres of gravity from where they lie.
+    inverse_gain_x[k] = inverse_gain_y[k] = 1.0F;
+    bend2_x[k] = bend2_y[k] = bend3_x[k] = bend3_y[k] = 0.0F;
   }
   window_variance = Image<float>(sensor.valid.rows(), sensor.valid.cols());
   const double rad_per_px = sensor.optics.slope_rad_per_px();
@@ -315,8 +373,8 @@ SlopePlan::SlopePlan(const Sensor& sensor)
     const double side_rad = rad_per_px * std::max(sensor.window[k].w, sensor.window[k].h);
     window_variance[k] = static_cast<float>(side_rad * side_rad / 12.0);
   }
-  gain_error_x = gain_error(sensor.gain_x, sensor.valid);
-  gain_error_y = gain_error(sensor.gain_y, sensor.valid);
+  gain_error_x = gain_error(inverse_gain_x, bend2_x, bend3_x, off_x_px, reach_px, sensor.valid);
+  gain_error_y = gain_error(inverse_gain_y, bend2_y, bend3_y, off_y_px, reach_px, sensor.valid);
 }
 
 namespace {

@@ -22,9 +22,18 @@ struct SlopePlan {
   Image<float> ref_y_px;
   Image<float> inverse_gain_x;
   Image<float> inverse_gain_y;
-  /// This is the relative error of the gain: half of the fraction by which the gain lies below the
-  /// median lenslet's, because a window whose light reaches its edge is linear only for small
-  /// displacements. A displacement d adds (error·d)² to the variance.
+  /// These are Sensor::bend2_x to bend3_y, and zeros where there are none. They are for measured
+  /// displacements, within the window, that are within reach_px of −off.
+  Image<float> bend2_x;
+  Image<float> bend2_y;
+  Image<float> bend3_x;
+  Image<float> bend3_y;
+  Image<float> off_x_px;  ///< off_middle_px() of the reference
+  Image<float> off_y_px;
+  float reach_px = 0;
+  /// This is the relative error of the gain: half of the fraction by which the gain, on average
+  /// over the reach, lies below the median lenslet's, because what a window cuts off is not the
+  /// same in every frame. A displacement d adds (error·d)² to the variance.
   Image<float> gain_error_x;
   Image<float> gain_error_y;
   /// This is the variance of a spot's core. It stands in for that of weak spots whose own variance
@@ -38,8 +47,8 @@ struct SlopePlan {
   /// This is the variance of a spot that may be anywhere in its window, in rad² per pitch².
   Image<float> window_variance;
 
-  // slope = M·(dx/gain_x, dy/gain_y), where M is in rad per pitch per px: pitch_px·P⁻¹ turns pixels
-  // into pixels along the lenslet axes, and 2π·w·p/(λ·f·m) turns those into radians
+  // slope = M·(dx, dy) of the true displacement, where M is in rad per pitch per px: pitch_px·P⁻¹
+  // turns pixels into pixels along the lenslet axes, and 2π·w·p/(λ·f·m) turns those into radians
   // (docs/conventions.md, "Slopes, circulation, charge").
   float m11 = 0;
   float m12 = 0;

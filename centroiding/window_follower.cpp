@@ -35,8 +35,11 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
       max_bad_fraction_(static_cast<float>(options.max_bad_fraction)),
       measures_ahead_(options.measure_ahead),
       lenslet_(plan.spots.rows(), plan.spots.cols()),
-      ref_x_px_(sensor.ref_x_px),
-      ref_y_px_(sensor.ref_y_px),
+      reach_px_(static_cast<float>(spot_reach_px(sensor.grid.pitch_px()))),
+      off_x_px_(plan.spots.rows(), plan.spots.cols()),
+      off_y_px_(plan.spots.rows(), plan.spots.cols()),
+      middle_x_px_(plan.spots.rows(), plan.spots.cols()),
+      middle_y_px_(plan.spots.rows(), plan.spots.cols()),
       windows_(plan.spots),
       centred_(plan.spots),
       strips_(plan.strips),
@@ -56,8 +59,21 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
   to_middles.x[0] = static_cast<float>(0.5 * (sensor.grid.p11 + sensor.grid.p12));
   to_middles.y[0] = static_cast<float>(0.5 * (sensor.grid.p21 + sensor.grid.p22));
   level_plan.place(plan, to_middles, middle_blocks_);
-  for (std::size_t k = 0; k < lenslet_.size(); ++k)
+  const auto find_off = [](float ref_px, int start, int length) {
+    return static_cast<float>(off_middle_px(static_cast<double>(ref_px), start, length));
+  };
+  for (std::size_t k = 0; k < lenslet_.size(); ++k) {
     lenslet_[k] = plan.spots[k].state != LensletState::kUnlit ? 1 : 0;
+    if (lenslet_[k] == 0) continue;
+    middle_x_px_[k] = sensor.ref_x_px[k];
+    middle_y_px_[k] = sensor.ref_y_px[k];
+    if (sensor.bend2_x.empty()) continue;
+    const Window& window = sensor.window[k];
+    off_x_px_[k] = find_off(sensor.ref_x_px[k], window.x0, window.w);
+    off_y_px_[k] = find_off(sensor.ref_y_px[k], window.y0, window.h);
+    middle_x_px_[k] -= off_x_px_[k];
+    middle_y_px_[k] -= off_y_px_[k];
+  }
   for (int c = 0; c < plan.spots.cols(); ++c)
     column_u_.push_back(model_coordinate(static_cast<float>(c), plan.spots.cols()));
   count_rows_needed(level_plan);
@@ -97,7 +113,8 @@ void WindowFollower::place_window(const CentroidPlan& plan, std::size_t k, int d
     spot.state = has_bad_window(spot) ? LensletState::kBadPixels : LensletState::kValid;
 }
 
-/// Moves the windows by the model's displacements, in whole pixels.
+/// Moves the windows by whole pixels, so that the spots, displaced as the model says, lie within
+/// half a pixel of their middles.
 void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& level_plan,
                                    const LowOrders& model) noexcept {
   model_ = model;
@@ -112,8 +129,8 @@ void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& le
       model_x_px_[k] = std::clamp(x, -limit, limit);
       model_y_px_[k] = std::clamp(y, -limit, limit);
       if (lenslet_[k] == 0) continue;
-      place_window(plan, k, static_cast<int>(std::lround(model_x_px_[k])),
-                   static_cast<int>(std::lround(model_y_px_[k])), windows_);
+      place_window(plan, k, static_cast<int>(std::lround(model_x_px_[k] + off_x_px_[k])),
+                   static_cast<int>(std::lround(model_y_px_[k] + off_y_px_[k])), windows_);
       moved_x_px_[k] = static_cast<float>(windows_[k].x0 - plan.spots[k].x0);
       moved_y_px_[k] = static_cast<float>(windows_[k].y0 - plan.spots[k].y0);
     }

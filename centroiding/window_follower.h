@@ -143,8 +143,11 @@ class WindowFollower {
   float max_bad_fraction_;
   bool measures_ahead_;          ///< CentroidOptions::measure_ahead
   Image<std::uint8_t> lenslet_;  ///< [rows, cols] 1 where the plan has one
-  Image<float> ref_x_px_;
-  Image<float> ref_y_px_;
+  float reach_px_;               ///< spot_reach_px()
+  Image<float> off_x_px_;        ///< off_middle_px() of the references; 0 without bends
+  Image<float> off_y_px_;
+  Image<float> middle_x_px_;  ///< the reference less this; where a spot is measured in the middle
+  Image<float> middle_y_px_;
   Image<std::int32_t> bad_pixels_;  ///< [rows + 1, cols + 1] of the frame, summed; or empty
   std::vector<float> column_u_;     ///< [cols] the model's coordinate of a column
 

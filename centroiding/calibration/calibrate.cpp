@@ -152,7 +152,7 @@ Image<float> find_level(const Image<float>& corrected, const Sensor& sensor, con
 /// that the rim cuts, and this lenslet is dropped. Below kMinGain most of a displacement is lost,
 /// and dividing by the gain would multiply noise.
 void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
-               const std::vector<WindowGain>& gains, std::vector<std::string>& notes) {
+               const std::vector<WindowCurves>& curves, std::vector<std::string>& notes) {
   constexpr double kMinGain = 0.3;
   // A threshold lifts a gain only a little above 1. The threshold of the brightest pixels moves
   // with the spot and lifts it more.
@@ -165,6 +165,7 @@ void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
     sure.push_back(static_cast<float>(measured[k].gain.y));
   }
   const double typical = sure.empty() ? 1.0 : quantile(std::move(sure), 0.5);
+  bool is_bent = false;
   int n_held = 0;
   int n_unsure = 0;
   int n_smeared = 0;
@@ -176,13 +177,23 @@ void set_gains(Sensor& sensor, const std::vector<WindowMeasurement>& measured,
       ++n_smeared;
       continue;
     }
-    const double x = std::clamp(gains[k].x, kMinGain, max_gain);
-    const double y = std::clamp(gains[k].y, kMinGain, max_gain);
-    sensor.gain_x[k] = static_cast<float>(x);
-    sensor.gain_y[k] = static_cast<float>(y);
-    n_held += x != gains[k].x || y != gains[k].y ? 1 : 0;
+    const auto held = [&](const GainCurve& curve) -> GainCurve {
+      const double gain = std::clamp(curve.gain, kMinGain, max_gain);
+      return gain == curve.gain ? curve : GainCurve{.gain = gain};
+    };
+    const GainCurve x = held(curves[k].x);
+    const GainCurve y = held(curves[k].y);
+    sensor.gain_x[k] = static_cast<float>(x.gain);
+    sensor.gain_y[k] = static_cast<float>(y.gain);
+    sensor.bend2_x[k] = static_cast<float>(x.bend2);
+    sensor.bend2_y[k] = static_cast<float>(y.bend2);
+    sensor.bend3_x[k] = static_cast<float>(x.bend3);
+    sensor.bend3_y[k] = static_cast<float>(y.bend3);
+    is_bent = is_bent || x.is_bent() || y.is_bent();
+    n_held += x.gain != curves[k].x.gain || y.gain != curves[k].y.gain ? 1 : 0;
     n_unsure += m.gain_is_sure ? 0 : 1;
   }
+  if (!is_bent) sensor.bend2_x = sensor.bend2_y = sensor.bend3_x = sensor.bend3_y = {};
   if (n_smeared > 0) {
     notes.push_back(
         say(n_smeared, " lenslets were left out: their light is smeared over the ",
@@ -276,10 +287,7 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
   const int cols = found.grid.cols;
   sensor.valid = found.lit;
   sensor.window = lay_windows(found, sensor.frame_rows, sensor.frame_cols);
-  for (auto* map :
-       {&sensor.ref_x_px, &sensor.ref_y_px, &sensor.gain_x, &sensor.gain_y, &sensor.flux_adu}) {
-    *map = Image<float>(rows, cols, kNaN);
-  }
+  for (const auto map : kLensletMaps) sensor.*map = Image<float>(rows, cols, kNaN);
 
   const double noise_adu = sensor.detector.read_noise_e / sensor.detector.e_per_adu;
   sensor.method = options.method;
@@ -320,7 +328,7 @@ double measure_spots(Sensor& sensor, const FoundGrid& found, const Image<float>&
                                 reference);
     }
   }
-  set_gains(sensor, measured, gains.gains, notes);
+  set_gains(sensor, measured, gains.curves, notes);
   const double blur_px = fit_spot_blur_px(sensor, light);
   sensor.spot_blur_px = std::isfinite(blur_px) ? blur_px : gains.spot_blur_px;
   return width_over_diffraction;

@@ -1,9 +1,11 @@
 #include "centroiding/calibration/window_gain.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <numbers>
 #include <utility>
 
@@ -77,10 +79,10 @@ SpotWidth fit_width(const Sensor& sensor, const std::vector<WindowMeasurement>& 
   return width;
 }
 
-/// Returns the gain of the kernel on the modelled spot without noise. The spot is moved to four
+/// Returns the gains of the kernel on the modelled spot without noise. The spot is moved to four
 /// sides, and the four pictures lie one beside the other in a frame.
-WindowGain gain_of_kernel(const Sensor& sensor, CentroidOptions options, const SpotModel& model,
-                          const SpotView& view) {
+WindowCurves gains_of_kernel(const Sensor& sensor, CentroidOptions options, const SpotModel& model,
+                             const SpotView& view) {
   constexpr double kShiftPx = 0.25;
   constexpr double kPeakCounts = 60000.0;
   constexpr int kMoves = 4;
@@ -130,8 +132,9 @@ WindowGain gain_of_kernel(const Sensor& sensor, CentroidOptions options, const S
                  centroids);
   if (centroids.n_valid < kMoves) return {};
   const auto apart = [](float a, float b) { return static_cast<double>(a - b); };
-  return {(apart(centroids.x_px[0], centroids.x_px[1]) + window.w) / (2.0 * kShiftPx),
-          apart(centroids.y_px[2], centroids.y_px[3]) / (2.0 * kShiftPx)};
+  return {
+      .x = {.gain = (apart(centroids.x_px[0], centroids.x_px[1]) + window.w) / (2.0 * kShiftPx)},
+      .y = {.gain = apart(centroids.y_px[2], centroids.y_px[3]) / (2.0 * kShiftPx)}};
 }
 
 /// Returns the weights of the pixels −2…3 px from one for the value `part` px behind it (0 to 1),
@@ -149,7 +152,39 @@ std::array<double, 6> lagrange_weights(double part) {
   return weights;
 }
 
-/// Returns the window's pixels [h, w] of the picture moved by (dx, dy) px, of which one is 0.
+constexpr int kPlaces = 9;  // at which a curve is looked at
+
+/// Returns place i of a range's.
+double place_in(const SpotRange& range, int i) {
+  return range.low_px + (range.high_px - range.low_px) * i / (kPlaces - 1);
+}
+
+/// These are the measured displacements at the places of a range.
+using Measured = Eigen::Matrix<double, kPlaces, 1>;
+
+/// Returns the cubic through the reference that tells the places from what was measured of them
+/// best, in the sense of least squares. It is a line of the gain where a line is nowhere wrong by
+/// more than range.straight_px, or where no cubic rises steadily.
+GainCurve fit_curve(const SpotRange& range, const Measured& q, double gain) {
+  if (!q.allFinite()) return {.gain = kUnknown, .line_gain = kUnknown};
+  Measured places;
+  for (int i = 0; i < kPlaces; ++i) places[i] = place_in(range, i);
+  const double best_line = q.dot(places) / q.squaredNorm();
+  if ((q * best_line - places).cwiseAbs().maxCoeff() <= range.straight_px)
+    return {.gain = gain, .line_gain = gain};
+  Eigen::Matrix<double, kPlaces, 3> powers;
+  powers << q, q.cwiseAbs2(), q.cwiseProduct(q.cwiseAbs2());
+  const Eigen::Vector3d cubic = powers.colPivHouseholderQr().solve(places);
+  const auto rises = [&](double at) {
+    return cubic[0] + 2.0 * cubic[1] * at + 3.0 * cubic[2] * at * at > 0.0;
+  };
+  if (!rises(0.0) || !std::all_of(q.begin(), q.end(), rises))
+    return {.gain = gain, .line_gain = gain};
+  return {1.0 / cubic[0], cubic[1], cubic[2], gain};
+}
+
+/// Returns the window's pixels [h, w] of the picture moved by (dx, dy) px, of which one at least
+/// is 0.
 /// Beyond the frame its outermost pixels go on.
 Image<float> move_picture(const Image<float>& light, const Window& window, double dx, double dy) {
   const bool along_x = dx != 0.0;
@@ -221,10 +256,10 @@ WindowMeasurement measure_window(const Image<float>& light, const Image<std::uin
   return m;
 }
 
-WindowGain gain_of_picture(const Image<float>& light, const Window& window,
-                           const SignalThreshold& threshold, const PictureNoise& noise) {
-  // Spots lie within half a pixel of their windows' middles, which follow them by whole pixels.
-  // Over this range a line and a cubic have the same mean slope as between these two points.
+WindowCurves curves_of_picture(const Image<float>& light, const Window& window,
+                               const SignalThreshold& threshold, const PictureNoise& noise,
+                               const SpotRange& along_x, const SpotRange& along_y) {
+  // Within half a pixel a line and a cubic have the same mean slope as between these two points.
   constexpr double kShiftPx = 0.387;
   // The picture's own noise lifts pixels over the threshold as it is; what frames have beyond it
   // is averaged over.
@@ -249,9 +284,43 @@ WindowGain gain_of_picture(const Image<float>& light, const Window& window,
     if (sum <= 0.0) return std::array<double, 2>{kUnknown, kUnknown};
     return std::array<double, 2>{at[0] / sum, at[1] / sum};
   };
-  return {(centre(kShiftPx, 0.0)[0] - centre(-kShiftPx, 0.0)[0]) / (2.0 * kShiftPx),
-          (centre(0.0, kShiftPx)[1] - centre(0.0, -kShiftPx)[1]) / (2.0 * kShiftPx)};
+  const std::array<double, 2> still = centre(0.0, 0.0);
+  Measured x;
+  Measured y;
+  for (int i = 0; i < kPlaces; ++i) {
+    x[i] = centre(place_in(along_x, i), 0.0)[0] - still[0];
+    y[i] = centre(0.0, place_in(along_y, i))[1] - still[1];
+  }
+  const double gain_x = centre(kShiftPx, 0.0)[0] - centre(-kShiftPx, 0.0)[0];
+  const double gain_y = centre(0.0, kShiftPx)[1] - centre(0.0, -kShiftPx)[1];
+  return {fit_curve(along_x, x, gain_x / (2.0 * kShiftPx)),
+          fit_curve(along_y, y, gain_y / (2.0 * kShiftPx))};
 }
+
+SpotRange range_of_spots(double off_px, double reach_px) {
+  // Few spots lie at the end of their reach. A cubic that is fitted up to there is wrong by 1 % at
+  // small displacements of the narrowest spots; this one by .2 %, and at the end by .007 px.
+  constexpr double kFitted = 0.9;
+  return {-kFitted * reach_px - off_px, kFitted * reach_px - off_px};
+}
+
+namespace {
+
+/// Makes lines of all curves unless half of them are bent.
+void straighten_unless_bent(std::vector<WindowCurves>& curves, const Image<std::uint8_t>& valid) {
+  int n_bent = 0;
+  int n_valid = 0;
+  for (std::size_t k = 0; k < curves.size(); ++k) {
+    n_bent += curves[k].x.is_bent() || curves[k].y.is_bent() ? 1 : 0;
+    n_valid += valid[k] != 0 ? 1 : 0;
+  }
+  if (2 * n_bent >= n_valid) return;
+  for (WindowCurves& curve : curves)
+    for (GainCurve* axis : {&curve.x, &curve.y})
+      if (axis->is_bent()) *axis = {.gain = axis->line_gain};
+}
+
+}  // namespace
 
 WindowGains find_window_gains(const Sensor& sensor, const Image<float>& light,
                               const std::vector<WindowMeasurement>& measured,
@@ -266,18 +335,29 @@ WindowGains find_window_gains(const Sensor& sensor, const Image<float>& light,
                                       reference.adu_per_count * std::sqrt(1.0 / 12.0));
   // A spot as wide as its window hardly moves in it.
   constexpr double kMinOnModel = 0.1;
-  // These are the second moments, x and y together, of the narrowest spot to be interpolated.
+  // These are the second moments, x and y together, of the narrowest spot to be interpolated, and
+  // the σ of its core, which may be much narrower than its wings tell; then lines are taken.
   constexpr double kWellSampledPx2 = 1.6;
-  std::vector<WindowGain> gains(measured.size());
+  constexpr double kWellSampledCorePx = 0.9;
+  const bool is_sharp = sensor.spot_gaussian_px < kWellSampledCorePx;
+  const double reach_px = curve_reach_px(sensor);
+  std::vector<WindowCurves> curves(measured.size());
   for (std::size_t k = 0; k < measured.size(); ++k) {
     if (sensor.valid[k] == 0) continue;
     const Window& window = sensor.window[k];
     const bool gravity = is_centre_of_gravity(options.method);
     if (gravity && !reference.light_is_cut && measured[k].gain_is_sure &&
         measured[k].spread_px2 >= kWellSampledPx2) {
-      gains[k] =
-          gain_of_picture(light, window, threshold, {noise_adu, adu_per_e, reference.frames});
-      if (std::isfinite(gains[k].x) && std::isfinite(gains[k].y)) continue;
+      const auto range = [&](double at_px, int start, int length) {
+        SpotRange spots = range_of_spots(off_middle_px(at_px, start, length), reach_px);
+        if (is_sharp) spots.straight_px = std::numeric_limits<double>::infinity();
+        return spots;
+      };
+      curves[k] =
+          curves_of_picture(light, window, threshold, {noise_adu, adu_per_e, reference.frames},
+                            range(measured[k].x_px, window.x0, window.w),
+                            range(measured[k].y_px, window.y0, window.h));
+      if (std::isfinite(curves[k].x.gain) && std::isfinite(curves[k].y.gain)) continue;
     }
     SpotView view = view_of(model, window, measured[k], threshold);
     const WindowGain measured_on_model =
@@ -285,15 +365,18 @@ WindowGains find_window_gains(const Sensor& sensor, const Image<float>& light,
     view.noise_adu = noise_adu;
     view.adu_per_e = adu_per_e;
     if (!gravity) {
-      gains[k] = gain_of_kernel(sensor, options, model, view);
+      curves[k] = gains_of_kernel(sensor, options, model, view);
       continue;
     }
-    gains[k] = model.window_gain(view);
-    if (!measured[k].gain_is_sure) continue;
-    gains[k].x *= measured[k].gain.x / std::max(measured_on_model.x, kMinOnModel);
-    gains[k].y *= measured[k].gain.y / std::max(measured_on_model.y, kMinOnModel);
+    WindowGain gain = model.window_gain(view);
+    if (measured[k].gain_is_sure) {
+      gain.x *= measured[k].gain.x / std::max(measured_on_model.x, kMinOnModel);
+      gain.y *= measured[k].gain.y / std::max(measured_on_model.y, kMinOnModel);
+    }
+    curves[k] = {.x = {.gain = gain.x}, .y = {.gain = gain.y}};
   }
-  return {std::move(gains), width.over_diffraction, width.blur_px};
+  straighten_unless_bent(curves, sensor.valid);
+  return {std::move(curves), width.over_diffraction, width.blur_px};
 }
 
 }  // namespace curlew

@@ -48,11 +48,42 @@ struct PictureNoise {
   int frames = 1;          ///< whose mean the picture is
 };
 
-/// Returns the gain of the centre of gravity that the picture itself shows when it is moved by
-/// ±0.39 px under the window, neighbours' light and all. Between pixels it is interpolated after
-/// Lagrange (six points), which takes spots of σ ≥ 0.9 px. `light` is as for measure_window().
-WindowGain gain_of_picture(const Image<float>& light, const Window& window,
-                           const SignalThreshold& threshold, const PictureNoise& noise);
+/// This is how a displacement is told from the measured one along an axis: Sensor's gain, bend2 and
+/// bend3.
+struct GainCurve {
+  double gain = 1.0;
+  double bend2 = 0.0;
+  double bend3 = 0.0;
+  double line_gain = 1.0;  ///< the mean gain within half a pixel; that of a line instead
+
+  bool is_bent() const { return bend2 != 0.0 || bend3 != 0.0; }
+};
+
+/// These are a window's curves along both axes.
+struct WindowCurves {
+  GainCurve x;
+  GainCurve y;
+};
+
+/// A SpotRange says which true displacements from the reference, px, the curve of an axis is for.
+struct SpotRange {
+  double low_px = 0.0;
+  double high_px = 0.0;
+  double straight_px = 0.01;  ///< A line is taken where the best is nowhere wrong by more.
+};
+
+/// Returns the curves of the centre of gravity that the picture itself shows when it is moved
+/// under the window, neighbours' light and all. A line's gain is the mean within half a pixel.
+/// Between pixels the picture is interpolated after
+/// Lagrange (six points), which takes spots of σ ≥ 0.9 px. `light` is as for measure_window(). A
+/// gain is NaN where nothing exceeds the threshold.
+WindowCurves curves_of_picture(const Image<float>& light, const Window& window,
+                               const SignalThreshold& threshold, const PictureNoise& noise,
+                               const SpotRange& along_x, const SpotRange& along_y);
+
+/// Returns the displacements from the reference to which a curve is fitted that is to reach as far
+/// as curve_reach_px(), where the reference is off_px from its window's middle.
+SpotRange range_of_spots(double off_px, double reach_px);
 
 /// This says how the reference picture came about.
 struct ReferenceFrames {
@@ -62,19 +93,22 @@ struct ReferenceFrames {
 };
 
 struct WindowGains {
-  std::vector<WindowGain> gains;             ///< [rows·cols], 1 where a lenslet is not valid
+  std::vector<WindowCurves> curves;  ///< [rows·cols], straight where a lenslet is not valid
   double width_over_diffraction = kUnknown;  ///< of the typical spot; NaN for unknown optics
   double spot_blur_px = 0.0;  ///< σ of the blur that widens the typical spot beyond diffraction
 };
 
-/// Returns the gains of all valid lenslets. Where spots are well sampled and no light is cut,
-/// gain_of_picture() tells
-/// the gain of the centres of gravity. Where they are not, the gains are the measured ones,
-/// corrected by their error on the modelled spot. At 2 pixels per λ/w the edge pixel reaches from
-/// one fringe of the spot into the next, and the measured gain is wrong by up to 15 %. On the
-/// model, which has the lenslet's window, position and flux, both the measured and the true gain
-/// can be computed, and their ratio is the correction. A gain that is not sure is replaced by the
-/// model's alone.
+/// Returns the curves of all valid lenslets. Where spots are well sampled and no light is cut,
+/// curves_of_picture() tells them for the centres of gravity; where the spots' cores are narrow it
+/// tells lines. They are lines, too, unless half of them are bent, as dense spots' are: beside
+/// lines, a few curves and windows of their own would only add to the noise. Where spots are not
+/// well sampled, curves are straight. Their gains are the measured ones, corrected by their error
+/// on the modelled spot. At 2 pixels per λ/w the edge pixel reaches from one fringe of the spot
+/// into the next, and the measured gain is wrong by up to 15 %. On the model, which has the
+/// lenslet's window, position and flux, both the measured and the true gain can be computed, and
+/// their ratio is the correction. A gain that is not sure is replaced by the model's alone. The
+/// model's spot is whole, so its curve is not that of spots that turbulence widens: with it, slopes
+/// were 2 % too large there.
 ///
 /// For methods other than the centres of gravity nothing is measured. Their gain is the one that
 /// the kernel itself shows on the modelled spot, moved by ±0.25 px. The gain of the brightest

@@ -30,6 +30,8 @@ class Sensor:
     window_px: np.ndarray
     #: [2, rows, cols], window gain along x, then y
     gain: np.ndarray
+    #: [4, rows, cols], the bends of the gain (docs/files.md); None where the file has none
+    bend: Optional[np.ndarray]
     #: [frame rows, frame cols] ADU; None: none was given
     dark_adu: Optional[np.ndarray]
     flat: Optional[np.ndarray]
@@ -70,5 +72,5 @@ def read_sensor(path: str) -> Sensor:
             origin_px=np.array([header["ORIGINX"], header["ORIGINY"]]),
             axes_px=np.array([[header["P11"], header["P12"]], [header["P21"], header["P22"]]]),
             valid=file["VALID"].data != 0, ref_x_px=image("REFX"), ref_y_px=image("REFY"),
-            window_px=image("WINDOW"), gain=image("GAIN"), dark_adu=image("DARK"),
+            window_px=image("WINDOW"), gain=image("GAIN"), bend=image("BEND"), dark_adu=image("DARK"),
             flat=image("FLAT"), bad_pixel=None if bad is None else bad != 0)

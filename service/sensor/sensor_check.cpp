@@ -30,6 +30,10 @@ void check_lenslet(const std::string& path, const Sensor& sensor, std::size_t k)
       !is_gain(sensor.gain_x[k]) || !is_gain(sensor.gain_y[k]))
     refuse(path,
            "lenslet " + std::to_string(k) + " is valid but its reference or gain makes no sense");
+  constexpr float kMostBent = 100.0F;
+  for (const auto* bend : {&sensor.bend2_x, &sensor.bend2_y, &sensor.bend3_x, &sensor.bend3_y})
+    if (!bend->empty() && !(std::abs((*bend)[k]) <= kMostBent))
+      refuse(path, "lenslet " + std::to_string(k) + " is valid but its BEND makes no sense");
   if (!(std::abs(static_cast<double>(sensor.flux_adu[k])) <= kMostAdu))
     refuse(path, "lenslet " + std::to_string(k) + " is valid but its FLUX makes no sense");
 }

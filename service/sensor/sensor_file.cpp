@@ -1,6 +1,7 @@
 #include "service/sensor/sensor_file.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <span>
@@ -19,6 +20,9 @@ namespace {
 // A header with more lenslets or more pixels a side than this is taken for damaged.
 constexpr int kMaxLenslets = 4096;
 constexpr int kMaxPixels = 1 << 20;
+
+constexpr std::array kBendMaps{&Sensor::bend2_x, &Sensor::bend2_y, &Sensor::bend3_x,
+                               &Sensor::bend3_y};  // as BEND has them
 
 template <typename T>
 std::span<const T> values(const Image<T>& image) {
@@ -94,6 +98,14 @@ void write_lenslet_maps(FitsFile& file, const Sensor& sensor) {
   file.create_image(ElementType::kF32, {2, any.rows(), any.cols()}, "GAIN");
   file.write_pixels<float>(0, values(sensor.gain_x));
   file.write_pixels<float>(static_cast<std::int64_t>(any.size()), values(sensor.gain_y));
+
+  if (sensor.bend2_x.empty()) return;
+  file.create_image(ElementType::kF32, {4, any.rows(), any.cols()}, "BEND");
+  std::int64_t first = 0;
+  for (const auto map : kBendMaps) {
+    file.write_pixels<float>(first, values(sensor.*map));
+    first += static_cast<std::int64_t>(any.size());
+  }
 }
 
 /// Writes those maps of the frame's pixels that are known.
@@ -221,6 +233,15 @@ void read_gains(FitsFile& file, Sensor& sensor) {
   const std::size_t n = sensor.gain_x.size();
   file.read_pixels<float>(0, {sensor.gain_x.data(), n});
   file.read_pixels<float>(static_cast<std::int64_t>(n), {sensor.gain_y.data(), n});
+
+  if (!file.try_select("BEND")) return;
+  select_maps(file, "BEND", 4, sensor.grid);
+  std::int64_t first = 0;
+  for (const auto map : kBendMaps) {
+    sensor.*map = Image<float>(sensor.grid.rows, sensor.grid.cols);
+    file.read_pixels<float>(first, {(sensor.*map).data(), n});
+    first += static_cast<std::int64_t>(n);
+  }
 }
 
 void read_lenslet_maps(FitsFile& file, Sensor& sensor) {

@@ -66,6 +66,29 @@ TEST(Slopes, GainDividesDisplacementAndNoise) {
   EXPECT_NEAR(one.slopes.variance_x[0], 0.04 * s * s, 1e-6 * s * s);
 }
 
+TEST(Slopes, ABentGainIsThatOfThePlaceInTheWindow) {
+  Sensor sensor = tiled_sensor({1, 1, 16});
+  const auto map = [](float value) { return Image<float>(1, 1, value); };
+  sensor.gain_x[0] = 0.8F;
+  sensor.bend2_x = map(0.1F);
+  sensor.bend3_x = map(0.3F);
+  sensor.bend2_y = sensor.bend3_y = map(0.0F);
+  OneLenslet one(sensor);
+  one.centroids.variance_x_px2[0] = 0.01F;
+  one.displace(0.5, 0.25);
+  const double s = sensor.optics.slope_rad_per_px();
+  EXPECT_NEAR(one.slopes.x[0], (0.5 / 0.8 + 0.1 * 0.25 + 0.3 * 0.125) * s, kRounding * s);
+  EXPECT_NEAR(one.slopes.y[0], 0.25 * s, kRounding * s);
+  // The noise passes through the curve's slope at this place.
+  const double slope = 1.25 + 2.0 * 0.1 * 0.5 + 3.0 * 0.3 * 0.25;
+  EXPECT_NEAR(one.slopes.variance_x[0], 0.01 * slope * slope * s * s, 1e-6 * s * s);
+  // Beyond the reach the curve goes on as a line.
+  const double reach = 0.75;
+  one.displace(2.6, 0.0);
+  EXPECT_NEAR(one.slopes.x[0], (2.6 / 0.8 + 0.1 * reach * reach + 0.3 * reach * reach * reach) * s,
+              10.0 * kRounding * s);
+}
+
 // The slopes are resolved along the lenslet axes, whose rows run up the detector if sign is −1.
 TEST(Slopes, RotationAndMirrorResolveAlongTheLensletAxes) {
   for (const double sign : {1.0, -1.0}) {
@@ -207,21 +230,30 @@ std::array<float, 5> plain_slope(const SlopePlan& plan, const Centroids& centroi
   const bool weak = soft && centroids.flux_adu[k] > 0.0F;
   const bool dark = soft && !weak;
   if (state != LensletState::kValid && !soft) return {};
-  const auto along = [&](float at, float ref, float gain, float moved, float low, float error) {
-    const float in_window = (at - ref - (dark ? 0.0F : moved)) * (dark ? 0.0F : gain);
-    return std::array{in_window + (dark ? low : moved), error * in_window};
-  };
-  const auto [dx, ex] = along(centroids.x_px[k], plan.ref_x_px[k], plan.inverse_gain_x[k],
-                              centroids.moved_x_px[k], centroids.low_x_px[k], plan.gain_error_x[k]);
-  const auto [dy, ey] = along(centroids.y_px[k], plan.ref_y_px[k], plan.inverse_gain_y[k],
-                              centroids.moved_y_px[k], centroids.low_y_px[k], plan.gain_error_y[k]);
   const auto noise = [&](float measured) {
     return weak && !(measured > 0.0F) ? plan.spot_variance_px2 : measured;
   };
-  const float gx = dark ? 0.0F : plan.inverse_gain_x[k];
-  const float gy = dark ? 0.0F : plan.inverse_gain_y[k];
-  const float vx = noise(centroids.variance_x_px2[k]) * gx * gx + ex * ex;
-  const float vy = noise(centroids.variance_y_px2[k]) * gy * gy + ey * ey;
+  struct Axis {
+    float d, v, g;
+  };
+  const auto along = [&](float at, float ref, float off, float moved, float low, float g1, float b2,
+                         float b3, float error, float variance) -> Axis {
+    if (dark) return {low, 0.0F, 0.0F};
+    const float q = at - ref - moved;
+    const float near = std::min(std::max(q + off, -plan.reach_px), plan.reach_px) - off;
+    const float in_window = q * g1 + near * near * (b2 + b3 * near);
+    const float slope = std::max(g1 + near * (2.0F * b2 + 3.0F * (b3 * near)), 0.0F);
+    const float e = error * in_window;
+    return {in_window + moved, variance * slope * slope + e * e, slope};
+  };
+  const auto [dx, vx, gx] =
+      along(centroids.x_px[k], plan.ref_x_px[k], plan.off_x_px[k], centroids.moved_x_px[k],
+            centroids.low_x_px[k], plan.inverse_gain_x[k], plan.bend2_x[k], plan.bend3_x[k],
+            plan.gain_error_x[k], noise(centroids.variance_x_px2[k]));
+  const auto [dy, vy, gy] =
+      along(centroids.y_px[k], plan.ref_y_px[k], plan.off_y_px[k], centroids.moved_y_px[k],
+            centroids.low_y_px[k], plan.inverse_gain_y[k], plan.bend2_y[k], plan.bend3_y[k],
+            plan.gain_error_y[k], noise(centroids.variance_y_px2[k]));
   const float c = centroids.covariance_xy_px2[k] * gx * gy;
   const float m11 = plan.m11, m12 = plan.m12, m21 = plan.m21, m22 = plan.m22;
   float variance_x = m11 * m11 * vx + 2.0F * m11 * m12 * c + m12 * m12 * vy;
@@ -247,6 +279,11 @@ TEST(AllSlopes, AreBitForBitThePlainFormula) {
     sensor.grid.p12 = 0.3;
     sensor.spot_sigma_px = 1.1;
     for (float& gain : sensor.gain_x) gain = 1.0F - 0.2F * std::abs(normal(random));
+    for (const auto bend :
+         {&Sensor::bend2_x, &Sensor::bend2_y, &Sensor::bend3_x, &Sensor::bend3_y}) {
+      sensor.*bend = Image<float>(rows, cols);
+      for (float& value : sensor.*bend) value = 0.2F * normal(random);
+    }
     const SlopePlan plan(sensor);
     Centroids centroids(rows, cols);
     for (std::size_t k = 0; k < centroids.state.size(); ++k) {
