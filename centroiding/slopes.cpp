@@ -117,17 +117,21 @@ class SlopeKernel {
     const V zero = hn::Zero(D());
     const V moved = only_if(has_spot, load(moved_px, k));
     const V q = hn::Sub(hn::Sub(true_px(at_px, k), load(plan.ref_px, k)), moved);
-    const V off = load(plan.off_px, k);
-    const V reach = set(plan_.reach_px);
-    const V near = hn::Sub(hn::Min(hn::Max(hn::Add(q, off), hn::Sub(zero, reach)), reach), off);
-    const V inverse_gain = load(plan.inverse_gain, k);
-    const V bend2 = load(plan.bend2, k);
-    const V bend3_near = hn::Mul(load(plan.bend3, k), near);
-    const V bent = hn::Mul(hn::Mul(near, near), hn::Add(bend2, bend3_near));
-    const V in_window = only_if(has_spot, hn::Add(hn::Mul(q, inverse_gain), bent));
-    const V steeper =
-        hn::Mul(near, hn::Add(hn::Mul(set(2.0F), bend2), hn::Mul(set(3.0F), bend3_near)));
-    const V slope = only_if(has_spot, hn::Max(hn::Add(inverse_gain, steeper), zero));
+    V slope = load(plan.inverse_gain, k);
+    V in_window = hn::Mul(q, slope);
+    if (plan_.is_bent) {
+      const V off = load(plan.off_px, k);
+      const V reach = set(plan_.reach_px);
+      const V near = hn::Sub(hn::Min(hn::Max(hn::Add(q, off), hn::Sub(zero, reach)), reach), off);
+      const V bend2 = load(plan.bend2, k);
+      const V bend3_near = hn::Mul(load(plan.bend3, k), near);
+      const V steeper =
+          hn::Mul(near, hn::Add(hn::Mul(set(2.0F), bend2), hn::Mul(set(3.0F), bend3_near)));
+      in_window = hn::Add(in_window, hn::Mul(hn::Mul(near, near), hn::Add(bend2, bend3_near)));
+      slope = hn::Max(hn::Add(slope, steeper), zero);
+    }
+    in_window = only_if(has_spot, in_window);
+    slope = only_if(has_spot, slope);
     const V error = hn::Mul(load(plan.gain_error, k), in_window);
     return {hn::Add(in_window, hn::IfThenElse(dark, load(low_px, k), moved)),
             hn::Add(hn::Mul(hn::Mul(noise, slope), slope), hn::Mul(error, error)), slope};
@@ -314,6 +318,7 @@ SlopePlan::SlopePlan(const Sensor& sensor)
       ref_y_px(sensor.valid.rows(), sensor.valid.cols()),
       inverse_gain_x(sensor.valid.rows(), sensor.valid.cols()),
       inverse_gain_y(sensor.valid.rows(), sensor.valid.cols()),
+      is_bent(!sensor.bend2_x.empty()),
       bend2_x(map_or_zeros(sensor.bend2_x, sensor.valid)),
       bend2_y(map_or_zeros(sensor.bend2_y, sensor.valid)),
       bend3_x(map_or_zeros(sensor.bend3_x, sensor.valid)),

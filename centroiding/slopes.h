@@ -22,8 +22,9 @@ struct SlopePlan {
   Image<float> ref_y_px;
   Image<float> inverse_gain_x;
   Image<float> inverse_gain_y;
-  /// These are Sensor::bend2_x to bend3_y, and zeros where there are none. They are for measured
-  /// displacements, within the window, that are within reach_px of −off.
+  bool is_bent = false;  ///< Whether the sensor has bends; without, the next seven are not used.
+  /// These are Sensor::bend2_x to bend3_y. They are for measured displacements, within the window,
+  /// that are within reach_px of −off.
   Image<float> bend2_x;
   Image<float> bend2_y;
   Image<float> bend3_x;
