@@ -108,12 +108,19 @@ TEST(HeaderCheck, WholeHeadersPass) {
 
 TEST(HeaderCheck, AKeyThatCfitsioTrustsIsSane) {
   const std::vector<std::pair<std::string, std::string>> wrong{
-      {"NAXIS", "10"},          {"NAXIS", "120"},        {"NAXIS", "-1"},
-      {"NAXIS", "'2'"},         {"NAXIS1", "-4"},        {"NAXIS2", long_text()},
-      {"BITPIX", "7"},          {"BITPIX", "0"},         {"PCOUNT", "-1"},
-      {"GCOUNT", "x"},          {"BSCALE", long_text()}, {"BZERO", "1E999"},
-      {"BLANK", long_text()},   {"EXTEND", long_text()}, {"ZIMAGE", "7"},
-      {"TFIELDS", "2000000000"}};
+      {"NAXIS", "10"},           {"NAXIS", "120"},        {"NAXIS", "-1"},
+      {"NAXIS", "'2'"},          {"NAXIS1", "-4"},        {"NAXIS2", long_text()},
+      {"BITPIX", "7"},           {"BITPIX", "0"},         {"PCOUNT", "-1"},
+      {"GCOUNT", "x"},           {"BSCALE", long_text()}, {"BZERO", "1E999"},
+      {"BLANK", long_text()},    {"EXTEND", long_text()}, {"ZIMAGE", "7"},
+      {"TFIELDS", "2000000000"}, {"SIMPLE", "7"},         {"XTENSION", "7"},
+      {"THEAP", "-1"},           {"TFORM1", "7"},         {"TBCOL1", "0"},
+      {"TSCAL1", long_text()},   {"TZERO1", long_text()}, {"ZSIMPLE", "7"},
+      {"ZEXTEND", "7"},          {"ZBITPIX", "7"},        {"ZNAXIS", "7"},
+      {"ZNAXIS1", "-1"},         {"ZTILE1", "0"},         {"ZPCOUNT", "-1"},
+      {"ZGCOUNT", "-1"},         {"ZCMPTYPE", "7"},       {"ZNAME1", "7"},
+      {"ZVAL1", long_text()},    {"ZSCALE", long_text()}, {"ZZERO", long_text()},
+      {"ZBLANK", "1.5"},         {"ZDITHER0", "-1"},      {"ZDITHER0", "10001"}};
   for (const auto& [key, value] : wrong)
     EXPECT_NE(fault_of(with(kImage, key, value)).find(key), std::string::npos) << key << value;
 }
