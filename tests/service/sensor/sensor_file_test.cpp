@@ -89,6 +89,7 @@ TEST_F(SensorFile, ValidLensletsHaveNumbersThatMakeSense) {
   expect_refused("FLUX", [](Sensor& s) { s.flux_adu[3] = std::numeric_limits<float>::infinity(); });
   expect_refused("window", [](Sensor& s) { s.window[3].x0 = 1000; });
   expect_refused("WAVELEN", [](Sensor& s) { s.optics.wavelength_m = 1e2; });
+  expect_refused("WAVELEN", [](Sensor& s) { s.optics.wavelength_m = s.optics.focal_m = 1e-8; });
   expect_refused("BACKGRND", [](Sensor& s) { s.background_adu = 1e300; });
 }
 
@@ -106,7 +107,7 @@ TEST_F(SensorFile, WindowsLieOnTheDetector) {
 TEST_F(SensorFile, EveryReferenceAndGainIsLookedAt) {
   for (Image<float> Sensor::*map : {&Sensor::ref_x_px, &Sensor::ref_y_px})
     for (const float value : {-1e9F, 1e9F})
-      expect_refused("reference", [&](Sensor& s) { (s.*map)[3] = value; });
+      expect_refused("valid but its reference", [&](Sensor& s) { (s.*map)[3] = value; });
   for (Image<float> Sensor::*map : {&Sensor::gain_x, &Sensor::gain_y})
     for (const float value : {0.0F, -1.0F, 1e9F})
       expect_refused("gain", [&](Sensor& s) { (s.*map)[3] = value; });
