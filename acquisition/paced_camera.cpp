@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "acquisition/loop_source.h"
+#include "acquisition/drawn_loop.h"
 #include "acquisition/recording/fits_source.h"
 #include "acquisition/simulator/simulator.h"
 #include "core/error.h"
@@ -229,16 +229,6 @@ class PacedCamera final : public Camera {
   std::string failure_;
 };
 
-LoopSource::Frames draw_frames(Simulator& simulator) {
-  LoopSource::Frames frames;
-  for (std::int64_t i = 0; i < kFramesDrawn; ++i) {
-    auto frame = std::make_shared<FrameBuffer>(simulator.format());
-    if (simulator.next(*frame) == Delivery::kEnd) break;
-    frames.push_back(std::move(frame));
-  }
-  return frames;
-}
-
 }  // namespace
 
 std::unique_ptr<Camera> make_paced_camera(std::unique_ptr<FrameSource> source, const Pace& pace,
@@ -264,11 +254,16 @@ SimulatorOptions simulated_camera_options(const std::string& preset) {
 std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, const Pace& pace,
                                               const ThreadStart& thread_start) {
   const SimulatorOptions options = simulated_camera_options(preset);
-  Simulator simulator(options);
-  return make_paced_camera(std::make_unique<LoopSource>(draw_frames(simulator)), pace,
-                           {"simulated camera, preset " + preset, simulator.optics(),
-                            simulator.detector(), kDrawnExposure_us, options.bias_adu},
-                           thread_start);
+  auto simulator = std::make_unique<Simulator>(options);
+  PacedCameraNature nature{"simulated camera, preset " + preset, simulator->optics(),
+                           simulator->detector(), kDrawnExposure_us, options.bias_adu};
+  // Frames behind turbulence take a third of a second each, and the others a few milliseconds.
+  const std::int64_t drawn_first = options.turbulence ? 1 : kFramesDrawn;
+  auto loop = std::make_unique<DrawnLoop>(
+      std::move(simulator), DrawnLoop::Plan{.frames = kFramesDrawn,
+                                            .drawn_first = drawn_first,
+                                            .interval_ns = Simulator::kFramePeriodNs});
+  return make_paced_camera(std::move(loop), pace, std::move(nature), thread_start);
 }
 
 }  // namespace curlew

@@ -41,8 +41,9 @@ std::unique_ptr<Camera> make_paced_camera(std::unique_ptr<FrameSource> source, c
 std::unique_ptr<Camera> open_file_camera(const std::string& path, const Pace& pace,
                                          const ThreadStart& thread_start);
 
-/// Opens a camera of simulated frames of a preset, which are drawn beforehand and sent over and
-/// over, without end, as if exposed for 1000 µs. Throws UsageError for an unknown preset.
+/// Opens a camera of simulated frames of a preset, 100 of which are drawn and sent over and over,
+/// without end, as if exposed for 1000 µs. Behind turbulence the camera starts with the first of
+/// them and draws the others meanwhile. Throws UsageError for an unknown preset.
 std::unique_ptr<Camera> open_simulated_camera(const std::string& preset, const Pace& pace,
                                               const ThreadStart& thread_start);
 

@@ -360,10 +360,6 @@ SlopePlan::SlopePlan(const Sensor& sensor)
         off_middle_px(static_cast<double>(sensor.ref_y_px[k]), window.y0, window.h));
     inverse_gain_x[k] = 1.0F / sensor.gain_x[k];
     inverse_gain_y[k] = 1.0F / sensor.gain_y[k];
-    if (sampling.empty()) continue;
-    // The sampling curve is all that keeps small spots' centres of gravity from where they lie.
-    inverse_gain_x[k] = inverse_gain_y[k] = 1.0F;
-    bend2_x[k] = bend2_y[k] = bend3_x[k] = bend3_y[k] = 0.0F;
   }
   window_variance = Image<float>(sensor.valid.rows(), sensor.valid.cols());
   const double rad_per_px = sensor.optics.slope_rad_per_px();
@@ -380,6 +376,11 @@ SlopePlan::SlopePlan(const Sensor& sensor)
   }
   gain_error_x = gain_error(inverse_gain_x, bend2_x, bend3_x, off_x_px, reach_px, sensor.valid);
   gain_error_y = gain_error(inverse_gain_y, bend2_y, bend3_y, off_y_px, reach_px, sensor.valid);
+  if (sampling.empty()) return;
+  // The sampling curve is all that keeps small spots' centres of gravity from where they lie.
+  is_bent = false;
+  for (Image<float>* gain : {&inverse_gain_x, &inverse_gain_y})
+    for (float& value : *gain) value = value != 0.0F ? 1.0F : 0.0F;
 }
 
 namespace {

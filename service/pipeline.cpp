@@ -17,8 +17,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Queue = SlotQueue<FrameSlot>;
 
-constexpr std::int64_t kMaxSets = 1024;  // of one pipeline, which makes a set at each reload
-
 }  // namespace
 
 void RunReport::merge(const RunReport& other) {
@@ -125,10 +123,10 @@ std::string found_text(const RunReport& report) {
 }
 
 Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
-                   PipelineThreadStart thread_start, std::int64_t earlier)
+                   PipelineThreadStart thread_start, std::int64_t sets_before)
     : options_(std::move(options)),
       thread_start_(std::move(thread_start)),
-      sets_made_(earlier * kMaxSets) {
+      sets_made_(sets_before) {
   if (!thread_start_) thread_start_ = [](const std::string&, std::size_t) {};
   sets_.push_back(make_slots(std::move(plan)));
   current_ = sets_.back().get();
@@ -162,7 +160,7 @@ void Pipeline::make_state(const Plan& plan, SlotSet& set) const {
   if (!plan.tracker) return;
   if (keeps("track")) set.tracker = before->tracker;
   if (set.tracker) return;
-  // Each tracker has 2^40 track numbers of its own, so none is given twice.
+  // Each of 8 million trackers has 2^40 track numbers of its own, so none is given twice.
   constexpr int kTracksOfASet = 40;
   set.tracker = std::make_shared<VortexTracker>(*plan.tracker, plan.grid.rows, plan.grid.cols,
                                                 plan.detect.candidate_capacity());

@@ -72,9 +72,10 @@ using PipelineThreadStart = std::function<void(const std::string& name, std::siz
 
 class Pipeline {
  public:
-  /// earlier: how many pipelines came before this one. Their track numbers are not given again.
+  /// sets_before: the sets_made() of the pipeline before this one, whose track numbers are not
+  /// given again.
   Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
-           PipelineThreadStart thread_start = {}, std::int64_t earlier = 0);
+           PipelineThreadStart thread_start = {}, std::int64_t sets_before = 0);
 
   /// Runs until the feed ends. If the feed or the publisher throws, the run ends, and the exception
   /// is thrown on once all threads are joined.
@@ -86,6 +87,10 @@ class Pipeline {
   /// it during a run, which only swaps pointers. Returns false while an earlier plan is still being
   /// taken up, which takes one frame for each slot. Then try again later.
   bool adopt(std::shared_ptr<const Plan> plan);
+
+  /// Returns how many sets of slots this pipeline and those before it have made. Call it where
+  /// adopt() may be called.
+  std::int64_t sets_made() const { return sets_made_; }
 
   /// What frames have taught the windows of the newest plan; empty if they stay where they are. Not
   /// during a run.

@@ -10,6 +10,7 @@
 #include <fstream>
 #include <sstream>
 #include <string_view>
+#include <system_error>
 
 #include "acquisition/fits/fits_file.h"
 #include "core/error.h"
@@ -147,6 +148,19 @@ void write_keys(FitsFile& file, std::int64_t first_ns, std::int64_t last_ns) {
   file.write_key("MJD-END", mjd(last_ns), "of the last frame");
 }
 
+/// Writes the text beside the cube, and completes the cube. If that fails there is neither.
+void complete(FitsFile& cube, const std::string& path, const std::vector<LoggedFrame>& frames) {
+  const std::string times = times_path(path);
+  try {
+    write_times(times, frames);
+    cube.commit();
+  } catch (const Failure&) {
+    std::error_code ignored;
+    fs::remove(times, ignored);
+    throw;
+  }
+}
+
 void write_frame(FitsFile& file, std::int64_t number, const FrameBuffer& frame) {
   const FrameView view = frame.view();
   const std::size_t pixels = frame.format().pixels();
@@ -203,7 +217,9 @@ std::string write_milk_recording(const std::string& folder, const std::string& n
     if (!file) {
       const std::int64_t ns = logged.front().logged_ns;
       const fs::path day = fs::path(folder) / text_of("%Y%m%d", ns) / name;
-      fs::create_directories(day);
+      std::error_code error;
+      fs::create_directories(day, error);
+      if (error) throw Failure(day.string() + " cannot be made: " + error.message());
       const std::string time =
           text_of("%H:%M:%S", ns) + printed(".%09ld", static_cast<long>(ns % kNsPerS));
       path = (day / cube_name(name, time)).string();
@@ -216,8 +232,7 @@ std::string write_milk_recording(const std::string& folder, const std::string& n
   if (!file) throw Failure("there is no frame to be written for milk");
   file->resize_planes(static_cast<std::int64_t>(logged.size()));
   write_keys(*file, logged.front().logged_ns, logged.back().logged_ns);
-  write_times(times_path(path), logged);
-  file->commit();
+  complete(*file, path, logged);
   return path;
 }
 

@@ -60,18 +60,19 @@ void RecordingWriter::write_truth(std::span<const TruthVortex> truth) {
 }
 
 void RecordingWriter::commit() {
+  FitsFile file = std::move(file_);  // If this fails, what is written goes with it.
   if (frames() == 0) {
-    throw Failure(file_.path() + " is not written: there was no frame to record");
+    throw Failure(file.path() + " is not written: there was no frame to record");
   }
   if (compressed_frames_ == 0) {
-    file_.resize_planes(frames());
+    file.resize_planes(frames());
   } else if (compressed_frames_ != frames()) {
-    throw Failure(file_.path() + " is not written: it was to have " +
+    throw Failure(file.path() + " is not written: it was to have " +
                   std::to_string(compressed_frames_) + " frames and got " +
                   std::to_string(frames()));
   }
-  create_frame_table(file_);
-  write_frame_rows(file_, 0, headers_);
+  create_frame_table(file);
+  write_frame_rows(file, 0, headers_);
 
   if (has_truth_) {
     const std::array<ColumnSpec, 5> truth_columns{{{"FRAME", 'K', ""},
@@ -79,15 +80,15 @@ void RecordingWriter::commit() {
                                                    {"Y", 'D', ""},
                                                    {"CHARGE", 'J', ""},
                                                    {"SEPARATION", 'D', ""}}};
-    file_.create_table("TRUTH", truth_columns);
-    file_.write_key("COORDS", std::string("X, Y, SEPARATION in lenslet pitches"));
-    write_all(file_, "FRAME", column<std::int64_t>(truth_, &TruthVortex::frame));
-    write_all(file_, "X", column<double>(truth_, &TruthVortex::x));
-    write_all(file_, "Y", column<double>(truth_, &TruthVortex::y));
-    write_all(file_, "CHARGE", column<std::int32_t>(truth_, &TruthVortex::charge));
-    write_all(file_, "SEPARATION", column<double>(truth_, &TruthVortex::separation));
+    file.create_table("TRUTH", truth_columns);
+    file.write_key("COORDS", std::string("X, Y, SEPARATION in lenslet pitches"));
+    write_all(file, "FRAME", column<std::int64_t>(truth_, &TruthVortex::frame));
+    write_all(file, "X", column<double>(truth_, &TruthVortex::x));
+    write_all(file, "Y", column<double>(truth_, &TruthVortex::y));
+    write_all(file, "CHARGE", column<std::int32_t>(truth_, &TruthVortex::charge));
+    write_all(file, "SEPARATION", column<double>(truth_, &TruthVortex::separation));
   }
-  file_.commit();
+  file.commit();
 }
 
 std::optional<std::vector<TruthVortex>> read_truth(const std::string& path) {

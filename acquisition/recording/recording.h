@@ -41,8 +41,9 @@ class RecordingWriter {
   /// Says what commit() shall write as table TRUTH. An empty list makes an empty table.
   void write_truth(std::span<const TruthVortex> truth);
 
-  /// Completes the file. Throws Failure, and leaves nothing behind, if no frame was appended, if a
-  /// compressed file did not get as many frames as it is for, or if the disk is full.
+  /// Completes the file; afterwards only frames() may be called. Throws Failure, and leaves nothing
+  /// behind, if no frame was appended, if a compressed file did not get as many frames as it is
+  /// for, or if the disk is full.
   void commit();
 
  private:

@@ -18,7 +18,6 @@ namespace {
 constexpr double kPixelM = 10e-6;
 constexpr double kWavelengthM = 633e-9;
 constexpr double kNoiseFreePeak = 0.75;  // part of the range from bias to saturation
-constexpr std::int64_t kFramePeriodNs = 1'000'000;
 
 // Returns how many pixels the far field reaches beyond the window on each side: all of its period.
 int stray_margin_px(const SimulatorOptions& o) {

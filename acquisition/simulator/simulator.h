@@ -33,6 +33,9 @@ namespace curlew {
 /// The values of a field file are scaled to a mean |field|² of 1 over the lit lenslets.
 class Simulator final : public FrameSource {
  public:
+  /// By the camera's clock a frame comes so long after the one before it.
+  static constexpr std::int64_t kFramePeriodNs = 1'000'000;
+
   /// Throws UsageError for options that make no sense, Failure for a field file that cannot be
   /// used.
   explicit Simulator(SimulatorOptions options);

@@ -68,7 +68,7 @@ bool DaemonConnection::connect(const Config& config) {
                                          camera->format().cols, camera->format().rows);
   if (std::exchange(opened_, opened) != opened) spdlog::info("{}", opened);
   try {
-    pipeline_.prepare(camera->format(), before.counts.connections);
+    pipeline_.prepare(camera->format());
   } catch (const Failure& failure) {
     // Before the first connection it is the configuration that is wrong, and waiting mends nothing.
     if (before.counts.connections == 0) throw UsageError(failure.what());

@@ -130,11 +130,12 @@ Config DaemonPipeline::config() const {
 }
 
 // What takes long is done without the mutex, so that the supervising thread never waits for it.
-void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections_before) {
+void DaemonPipeline::prepare(const FrameFormat& format) {
   std::unique_lock lock(mutex_);
   connected_ = true;
   if (format_ == format) return;
   format_.reset();  // Until everything fits the new format a reload makes no plan.
+  if (pipeline_) sets_made_ = pipeline_->sets_made();
   pipeline_.reset();
   streams_.reset();
   air_.reset();
@@ -161,8 +162,8 @@ void DaemonPipeline::prepare(const FrameFormat& format, std::int64_t connections
     lock.unlock();
     plan = std::make_shared<const Plan>(sensor, format, config);
     choice = plan->detect.choice();
-    pipeline = std::make_unique<Pipeline>(plan, config.pipeline, placement_.thread_start(),
-                                          connections_before);
+    pipeline =
+        std::make_unique<Pipeline>(plan, config.pipeline, placement_.thread_start(), sets_made_);
     streams.reset();
     if (!config.publish.streams.empty())
       streams = std::make_unique<StreamPublisher>(config.publish, *plan, format);

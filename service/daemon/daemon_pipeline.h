@@ -50,10 +50,9 @@ class DaemonPipeline {
   void show_on(AskedCopy<FrameSample>& tap) { frame_tap_ = &tap; }
 
   /// Makes the pipeline and the recorder for frames of this format, or keeps those of the last
-  /// connection where they fit. connections_before: the number of connections before this one. It
-  /// keeps the track numbers of a new pipeline apart from those of earlier ones. Failure or
-  /// UsageError where sensor and configuration do not fit the frames.
-  void prepare(const FrameFormat& format, std::int64_t connections_before);
+  /// connection where they fit. A new pipeline gives none of the track numbers that an earlier one
+  /// gave. Failure or UsageError where sensor and configuration do not fit the frames.
+  void prepare(const FrameFormat& format);
 
   /// Takes the feed's frames through the pipeline until the feed ends. Call prepare() before it.
   void run(LiveFeed& feed);
@@ -119,9 +118,10 @@ class DaemonPipeline {
   std::shared_ptr<const Plan> plan_;          ///< Frames that are fed now are worked on by this.
 
   ThreadPlacement placement_;
-  // prepare() changes these three under the mutex. run() uses them without it, because the same
-  // thread calls both.
+  // prepare() changes these under the mutex. run() uses them without it, because the same thread
+  // calls both.
   std::unique_ptr<Pipeline> pipeline_;
+  std::int64_t sets_made_ = 0;                   ///< The pipelines before this one made so many.
   std::unique_ptr<Recorder> recorder_;           ///< It is null where nothing is recorded.
   std::unique_ptr<StreamPublisher> streams_;     ///< It is null where nothing is published.
   std::unique_ptr<ResultWriter> writer_;         ///< It is null where no JSON lines are written.

@@ -10,7 +10,9 @@
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/recording/fits_source.h"
 #include "centroiding/sensor.h"
+#include "core/as_size.h"
 #include "core/error.h"
+#include "core/memory_limit.h"
 #include "service/export/aot_tables.h"
 #include "service/program/version.h"
 #include "service/results/memory_table.h"
@@ -32,7 +34,10 @@ struct SavedResults {
 std::vector<float> read_image(FitsFile& file, const std::string& name) {
   if (!file.try_select(name))
     throw Failure(file.path() + " has no " + name + "; replay again with --save slopes,flux");
-  std::vector<float> values(static_cast<std::size_t>(file.image().elements()));
+  const std::int64_t elements = file.image().elements();
+  constexpr double kBytes = 2 * sizeof(float);  // as it is read, and what is written of it
+  require_memory(name + " of " + file.path(), kBytes * static_cast<double>(elements));
+  std::vector<float> values(as_size(elements));
   file.read_pixels<float>(0, values);
   return values;
 }
@@ -42,15 +47,16 @@ SavedResults read_saved(FitsFile& file, std::size_t lenslets) {
   saved.slopes = read_image(file, "SLOPES");
   saved.flux = read_image(file, "FLUX");
   file.select("FRAMES");
-  saved.sequence.resize(static_cast<std::size_t>(file.row_count()));
+  const std::size_t frames = as_size(file.row_count());
+  if (saved.flux.size() != frames * lenslets || saved.slopes.size() != 2 * saved.flux.size())
+    throw Failure(file.path() +
+                  " is of another sensor; name the sensor file that it was replayed with");
+  saved.sequence.resize(frames);
   file.read_column<std::int64_t>("SEQUENCE", 0, saved.sequence);
-  std::vector<std::int64_t> received(saved.sequence.size());
+  std::vector<std::int64_t> received(frames);
   file.read_column<std::int64_t>("RECEIVED_NS", 0, received);
   if (std::find(received.begin(), received.end(), 0) == received.end())
     for (const std::int64_t ns : received) saved.utc_s.push_back(1e-9 * static_cast<double>(ns));
-  if (saved.flux.size() != saved.sequence.size() * lenslets)
-    throw Failure(file.path() +
-                  " is of another sensor; name the sensor file that it was replayed with");
   return saved;
 }
 

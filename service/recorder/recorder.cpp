@@ -1,9 +1,6 @@
 #include "service/recorder/recorder.h"
 
 #include <fmt/format.h>
-#include <pthread.h>
-#include <sched.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -15,6 +12,7 @@
 #include <utility>
 
 #include "core/error.h"
+#include "core/polite_thread.h"
 #include "service/recorder/recorder_files.h"
 
 namespace curlew {
@@ -42,16 +40,6 @@ std::size_t item_count(const RecorderOptions& options, const FrameFormat& format
 
 steady_clock::duration seconds(double s) {
   return std::chrono::duration_cast<steady_clock::duration>(std::chrono::duration<double>(s));
-}
-
-// Makes the calling thread an ordinary one that yields to the others, even where a real-time thread
-// began it.
-void become_polite() {
-  constexpr int kNice = 5;
-  pthread_setname_np(pthread_self(), "recorder");
-  const sched_param none{};
-  sched_setscheduler(0, SCHED_OTHER, &none);
-  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), kNice);
 }
 
 }  // namespace
@@ -90,7 +78,7 @@ class Recorder::Writer {
         files_(options, format, header, log) {}
 
   void run() {
-    become_polite();
+    become_polite("recorder");
     Item* item = nullptr;
     while (true) {
       const bool is_taken = queue_.take_for(item, kWaitTime_us);

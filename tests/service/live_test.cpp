@@ -6,6 +6,7 @@
 #include <cstring>
 #include <thread>
 
+#include "acquisition/drawn_loop.h"
 #include "acquisition/paced_camera.h"
 #include "acquisition/simulator/simulator.h"
 #include "service/live_feed.h"
@@ -118,6 +119,33 @@ TEST_P(Live, ASlowConsumerGetsTheNewestFrameAndEveryDropIsCounted) {
   EXPECT_LE(sum_of_gaps, exchange.superseded());
   // A frame waits for as many results as there are slots, and one more. Ten times that is a hang.
   EXPECT_LT(report.total.percentile_ns(0.5), 10 * 11'000'000 * static_cast<long>(in_pipeline + 1));
+}
+
+// Frames go out while a thread still draws others behind turbulence. The camera may stop and start
+// meanwhile.
+TEST_P(Live, ACameraSendsWhatIsDrawnAndStopsWhileMoreIsDrawn) {
+  SimulatorOptions options = one_vortex();
+  TurbulentPath path;
+  path.screens = 2;
+  path.grid = 64;
+  path.grid_samples = 2;
+  options.turbulence = path;
+  auto loop = std::make_unique<DrawnLoop>(
+      std::make_unique<Simulator>(options),
+      DrawnLoop::Plan{.frames = 1000, .drawn_first = 1, .interval_ns = Simulator::kFramePeriodNs});
+  const DrawnLoop& drawn = *loop;
+  const auto source =
+      make_paced_camera(std::move(loop), {.rate_hz = 2000.0}, {"turbulence", {}, {}}, {});
+  std::int64_t frames = 0;
+  for (int time = 0; time < 2; ++time) {
+    FrameExchange exchange(source->format(), config_.pipeline.slots + 4);
+    LiveFeed feed(exchange, {.end_index = 30}, control_);
+    const Streaming streaming(*source, exchange);
+    frames += pipeline_.run(feed, {}).frames;
+  }
+  EXPECT_EQ(frames, 60);
+  EXPECT_EQ(source->failure(), "");
+  EXPECT_LT(drawn.drawn(), 1000) << "the test must have been over before all was drawn";
 }
 
 // The camera is faster than its consumer, and ends: no frame is taken twice or lost uncounted.

@@ -226,6 +226,40 @@ TEST(PipelineReload, TracksGoOnUnlessTheirOwnSettingsChange) {
   EXPECT_GE(*renewed.rbegin(), kNewTracker);
 }
 
+TEST(PipelineReload, ALaterPipelineGivesNoTrackNumberAgain) {
+  constexpr std::int64_t kFewFrames = 12;
+  Config config;
+  config.track.enabled = true;
+  config.detect.method = DetectMethod::kWhitened;
+  config.pipeline.threads = Threading::kInline;
+  Simulator simulator(moving_vortices(kFewFrames));
+  const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
+  const auto plan = [&] {
+    config.track.longest_gap_frames += 1.0;  // Each has a tracker of its own.
+    return std::make_shared<const Plan>(sensor, simulator.format(), config);
+  };
+  std::set<std::int64_t> all;
+  std::int64_t sets = 0;
+  for (int pipelines = 0; pipelines < 2; ++pipelines) {
+    Pipeline pipeline(plan(), config.pipeline, {}, sets);
+    for (int reloads = 0; reloads < 3; ++reloads) {
+      std::set<std::int64_t> tracks;
+      Publisher publisher;
+      publisher.publish = [&](const FrameSlot& slot) {
+        for (const Vortex& vortex : slot.vortices)
+          if (vortex.track >= 0) tracks.insert(vortex.track);
+      };
+      Simulator frames(moving_vortices(kFewFrames));
+      RecordedFeed feed(frames, {});
+      pipeline.run(feed, publisher);
+      EXPECT_FALSE(tracks.empty());
+      for (const std::int64_t track : tracks) EXPECT_TRUE(all.insert(track).second) << track;
+      ASSERT_TRUE(pipeline.adopt(plan()));
+    }
+    sets = pipeline.sets_made();
+  }
+}
+
 TEST(PipelineReload, AnOptionWithoutEffectWhileTrackingIsRefused) {
   Simulator simulator(moving_vortices(1));
   const Sensor sensor = sensor_of(simulator, kWindow, 100.0);

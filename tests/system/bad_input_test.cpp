@@ -301,6 +301,7 @@ TEST_F(BadInput, FullDisk) {
   expect_refused("calibrate ref.fits --out new.fits", 1, {"new.fits", "full"}, limit);
   expect_refused("replay ref.fits --sensor sensor.fits --out new.fits --save slopes,phase", 1,
                  {"new.fits", "full"}, limit);
+  expect_refused("convert ref.fits --out new.fits", 1, {"new.fits", "full"}, limit);
   const std::string little = "ulimit -f 1; trap '' XFSZ; ";
   expect_refused("replay ref.fits --sensor sensor.fits --jsonl new.jsonl", 1, {"new.jsonl", "full"},
                  little);

@@ -34,6 +34,8 @@ class FaultsOnPurpose : public ::testing::Test {
     ASSERT_EQ(
         run_curlew(*good_, "simulate --rows 6 --cols 6 --frames 40 --out long.fits").exit_code, 0);
     ASSERT_EQ(run_curlew(*good_, "calibrate ref.fits --out sensor.fits").exit_code, 0);
+    const std::string replay = "replay ref.fits --sensor sensor.fits --save slopes,flux --out ";
+    ASSERT_EQ(run_curlew(*good_, replay + "results.fits").exit_code, 0);
   }
   static void TearDownTestSuite() { good_.reset(); }
 
@@ -48,7 +50,7 @@ class FaultsOnPurpose : public ::testing::Test {
                    std::to_string(fault.error));
       const ScratchDirectory folder;
       const ScratchDirectory elsewhere;
-      for (const char* name : {"ref.fits", "long.fits", "sensor.fits"})
+      for (const char* name : {"ref.fits", "long.fits", "sensor.fits", "results.fits"})
         fs::copy_file(*good_ / name, folder / name);
       const std::string mark = elsewhere / "mark";
       const ProgramRun run = run_curlew(
@@ -96,6 +98,39 @@ TEST_F(FaultsOnPurpose, FilesOfReplayAreWholeOrNotThereAndTheExitCodeTells) {
           EXPECT_NE(run.err.find("made."), std::string::npos) << run.err;
         });
     EXPECT_GT(faults_, before) << fault.call << " was never called";
+  }
+}
+
+TEST_F(FaultsOnPurpose, WhatConvertAndExportMakeIsWholeOrNotThere) {
+  struct Command {
+    const char* arguments;
+    std::size_t files;
+  };
+  for (const Command& command :
+       {Command{"convert ref.fits --out made.fits", 1}, Command{"convert ref.fits --milk made", 2},
+        Command{"export results.fits --aot --recording ref.fits --sensor sensor.fits --out "
+                "made.fits",
+                1}}) {
+    SCOPED_TRACE(command.arguments);
+    const int before = faults_;
+    for (const Fault& fault :
+         {Fault{"fopen", EMFILE}, Fault{"fwrite", ENOSPC}, Fault{"fclose", EIO},
+          Fault{"write", ENOSPC}, Fault{"rename", EIO}}) {
+      for_each_call(fault, 7, "", command.arguments,
+                    [&](const ScratchDirectory& folder, const ProgramRun& run) {
+                      std::size_t made = 0;
+                      for (const auto& entry : fs::recursive_directory_iterator(folder / "."))
+                        if (entry.is_regular_file() &&
+                            entry.path().string().find("made") != std::string::npos)
+                          ++made;
+                      EXPECT_EQ(made, run.exit_code == 0 ? command.files : 0) << run.err;
+                      if (run.exit_code == 0) return;
+                      EXPECT_EQ(run.exit_code, 1);
+                      EXPECT_EQ(std::count(run.err.begin(), run.err.end(), '\n'), 1) << run.err;
+                      EXPECT_NE(run.err.find("made"), std::string::npos) << run.err;
+                    });
+    }
+    EXPECT_GE(faults_, before + 8);
   }
 }
 

@@ -203,6 +203,28 @@ TEST_F(HostileFiles, MemoryIsToldBeforeItIsTaken) {
   EXPECT_NE(run.err.find("recorder.memory_mb = 1000000"), std::string::npos) << run.err;
 }
 
+// Results that fit no sensor, and compressed ones that would be a thousand times as large.
+TEST_F(HostileFiles, ResultsOfOtherShapes) {
+  const auto write = [&](const std::string& name, const std::vector<std::int64_t>& slopes) {
+    FitsFile file = FitsFile::create(path(name));
+    file.create_image(ElementType::kF32, {5, 6, 6}, "FLUX");
+    file.write_pixels<float>(0, std::vector<float>(5 * 6 * 6));
+    const std::vector<ColumnSpec> columns{{"SEQUENCE", 'K', ""}, {"RECEIVED_NS", 'K', ""}};
+    file.create_table("FRAMES", columns);
+    for (const ColumnSpec& column : columns)
+      file.write_column<std::int64_t>(column.name, 0, std::vector<std::int64_t>(5));
+    file.create_compressed_image(ElementType::kU8, slopes);
+    file.write_key("EXTNAME", std::string("SLOPES"));
+    file.commit();
+    return run("export " + name + " --aot --recording ref.fits --sensor sensor.fits --out new.fits",
+               name);
+  };
+  EXPECT_EQ(write("short.fits", {5, 2, 6, 5}), 1);
+  EXPECT_EQ(write("odd.fits", {7, 1}), 1);
+  EXPECT_EQ(write("large.fits", {20'000, 256, 256}), 1);
+  EXPECT_FALSE(std::filesystem::exists(path("new.fits")));
+}
+
 TEST_F(HostileFiles, TheDaemonSurvivesThemWhenItReloads) {
   const std::string config = path("daemon.toml");
   const std::string sensor = path("live.fits");

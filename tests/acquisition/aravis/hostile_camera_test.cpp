@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <functional>
+#include <string>
 
+#include "acquisition/aravis/genicam_description.h"
 #include "tests/acquisition/aravis/served_camera.h"
 #include "tests/support/failure_text.h"
 
@@ -105,6 +107,21 @@ TEST_F(HostileCamera, ANameCannotForgeALineOfTheLog) {
 }
 
 // A frame of as many bytes but of another shape would be taken apart wrongly.
+// Aravis would follow them by recursion.
+TEST(GenicamDescription, AValueThatNeedsVeryManyOthersIsRefused) {
+  const auto chain = [](int length) {
+    std::string xml = "<RegisterDescription>";
+    for (int i = 0; i < length; ++i)
+      xml += "<Integer Name=\"F" + std::to_string(i) + "\"><pValue>F" + std::to_string(i + 1) +
+             "</pValue></Integer>";
+    return xml + "</RegisterDescription>";
+  };
+  EXPECT_EQ(failure_text([&] { check_genicam_description(chain(1000), "a camera"); }), "");
+  const std::string text =
+      failure_text([&] { check_genicam_description(chain(30'000), "a camera"); });
+  EXPECT_NE(text.find("very many others"), std::string::npos) << text;
+}
+
 TEST_F(HostileCamera, FramesOfAnotherShapeAreCountedAndNeverDelivered) {
   const KnownImages images = known_images(64, 64, kMono16);
   const auto server = serve(images);

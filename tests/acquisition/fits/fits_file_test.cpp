@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <array>
@@ -274,6 +275,8 @@ TEST(FitsFile, BadFilesAreNamedInOneSentence) {
   expect_sentence(refusal("gzip.fits"), "gzip.fits", "is truncated or damaged");
   expect_sentence(refusal("axes.fits"), "axes.fits", "NAXIS is 12");
   expect_sentence(refusal("."), scratch.path(), "is a directory");
+  ASSERT_EQ(mkfifo((scratch / "pipe.fits").c_str(), 0600), 0);
+  expect_sentence(refusal("pipe.fits"), "pipe.fits", "is not a regular file");
   if (geteuid() != 0) {  // Root reads everything.
     write_bytes(scratch / "secret.fits", raw_image_header(8, {"1", "1"}));
     std::filesystem::permissions(scratch / "secret.fits", std::filesystem::perms::none);
@@ -292,6 +295,77 @@ TEST(FitsFile, TruncatedImagesSayWhatIsThere) {
   // Junk after the last block harms nobody.
   write_bytes(path, raw_image_header(16, {"8", "4", "10"}) + std::string(2880 + 5, '\0'));
   EXPECT_EQ(FitsFile::open(path).image().elements(), 320);
+}
+
+/// Returns a file with an empty primary and a table of these columns.
+std::string raw_table(std::int64_t row_bytes, std::int64_t rows,
+                      const std::vector<std::string>& formats) {
+  std::vector<std::string> cards{raw_card("XTENSION", "'BINTABLE'"),
+                                 raw_card("BITPIX", "8"),
+                                 raw_card("NAXIS", "2"),
+                                 raw_card("NAXIS1", std::to_string(row_bytes)),
+                                 raw_card("NAXIS2", std::to_string(rows)),
+                                 raw_card("PCOUNT", "0"),
+                                 raw_card("GCOUNT", "1"),
+                                 raw_card("TFIELDS", std::to_string(formats.size()))};
+  for (std::size_t i = 0; i < formats.size(); ++i) {
+    cards.push_back(raw_card("TTYPE" + std::to_string(i + 1), "'C" + std::to_string(i) + "'"));
+    cards.push_back(raw_card("TFORM" + std::to_string(i + 1), "'" + formats[i] + "'"));
+  }
+  const auto bytes = static_cast<std::size_t>(row_bytes * rows);
+  return raw_image_header(8, {}) + raw_header(cards) +
+         std::string((bytes + 2879) / 2880 * 2880, '\0');
+}
+
+TEST(FitsFile, ColumnsThatAreNotWhatIsReadAreRefused) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "table.fits";
+  write_bytes(path, raw_table(24 + 8 + 2'000'000 + 8, 2, {"3D", "8A", "2000000A", "1D"}));
+  FitsFile in = FitsFile::open(path);
+  in.select(1);
+  std::vector<double> numbers(2);
+  std::vector<std::string> texts(2);
+  for (const char* name : {"C0", "C1"})
+    expect_sentence(failure_text([&] { in.read_column(name, 0, std::span(numbers)); }), path,
+                    "not one number a row");
+  for (const char* name : {"C2", "C3"})
+    expect_sentence(failure_text([&] { in.read_column(name, 0, std::span(texts)); }), path,
+                    "not text, or too long");
+  in.read_column("C3", 0, std::span(numbers));
+  EXPECT_EQ(numbers[1], 0.0);
+}
+
+TEST(FitsFile, ATableMayHaveNoColumnsAndAnImageIsNone) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "table.fits";
+  write_bytes(path, raw_table(0, 5, {}));
+  FitsFile in = FitsFile::open(path);
+  in.select(1);
+  EXPECT_LE(in.whole_row_count(), 5);
+  in.select(0);
+  expect_sentence(failure_text([&] { in.row_count(); }), path, "has an image where a table");
+}
+
+TEST(FitsFile, WhatFollowsTheLastHduIsNotTakenForOne) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "more.fits";
+  const std::string whole = raw_image_header(8, {"10", "10"}) + std::string(2880, '\0');
+  write_bytes(path, whole + std::string(2880, 'x'));
+  EXPECT_EQ(FitsFile::open(path).hdu_count(), 1);
+  std::string extension = raw_image_header(8, {"10", "10"});
+  extension.replace(0, 30, raw_card("XTENSION", "'IMAGE'").substr(0, 30));
+  // Its header is cut off before END.
+  write_bytes(path, whole + extension.substr(0, 400) + std::string(2480, ' '));
+  FitsFile cut = FitsFile::open(path);
+  expect_sentence(failure_text([&] { cut.hdu_count(); }), path, "cannot find all its HDUs");
+  EXPECT_FALSE(cut.try_select(1));
+
+  extension = raw_image_header(8, {});
+  extension.replace(0, 30, raw_card("XTENSION", "'IMAGE'").substr(0, 30));
+  std::string many = whole;
+  for (int i = 0; i < 10'001; ++i) many += extension;
+  write_bytes(path, many);
+  expect_sentence(failure_text([&] { FitsFile::open(path); }), path, "more than 10000 HDUs");
 }
 
 TEST(FitsFile, AbsurdSizesAreRefusedBeforeAnythingIsAllocated) {

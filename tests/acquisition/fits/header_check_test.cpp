@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "acquisition/fits/fits_card.h"
@@ -108,12 +109,19 @@ TEST(HeaderCheck, WholeHeadersPass) {
 
 TEST(HeaderCheck, AKeyThatCfitsioTrustsIsSane) {
   const std::vector<std::pair<std::string, std::string>> wrong{
-      {"NAXIS", "10"},          {"NAXIS", "120"},        {"NAXIS", "-1"},
-      {"NAXIS", "'2'"},         {"NAXIS1", "-4"},        {"NAXIS2", long_text()},
-      {"BITPIX", "7"},          {"BITPIX", "0"},         {"PCOUNT", "-1"},
-      {"GCOUNT", "x"},          {"BSCALE", long_text()}, {"BZERO", "1E999"},
-      {"BLANK", long_text()},   {"EXTEND", long_text()}, {"ZIMAGE", "7"},
-      {"TFIELDS", "2000000000"}};
+      {"NAXIS", "10"},           {"NAXIS", "120"},        {"NAXIS", "-1"},
+      {"NAXIS", "'2'"},          {"NAXIS1", "-4"},        {"NAXIS2", long_text()},
+      {"BITPIX", "7"},           {"BITPIX", "0"},         {"PCOUNT", "-1"},
+      {"GCOUNT", "x"},           {"BSCALE", long_text()}, {"BZERO", "1E999"},
+      {"BLANK", long_text()},    {"EXTEND", long_text()}, {"ZIMAGE", "7"},
+      {"TFIELDS", "2000000000"}, {"SIMPLE", "7"},         {"XTENSION", "7"},
+      {"THEAP", "-1"},           {"TFORM1", "7"},         {"TBCOL1", "0"},
+      {"TSCAL1", long_text()},   {"TZERO1", long_text()}, {"ZSIMPLE", "7"},
+      {"ZEXTEND", "7"},          {"ZBITPIX", "7"},        {"ZNAXIS", "7"},
+      {"ZNAXIS1", "-1"},         {"ZTILE1", "0"},         {"ZPCOUNT", "-1"},
+      {"ZGCOUNT", "-1"},         {"ZCMPTYPE", "7"},       {"ZNAME1", "7"},
+      {"ZVAL1", long_text()},    {"ZSCALE", long_text()}, {"ZZERO", long_text()},
+      {"ZBLANK", "1.5"},         {"ZDITHER0", "-1"},      {"ZDITHER0", "10001"}};
   for (const auto& [key, value] : wrong)
     EXPECT_NE(fault_of(with(kImage, key, value)).find(key), std::string::npos) << key << value;
 }
@@ -143,23 +151,61 @@ TEST(HeaderCheck, MandatoryKeysAreInTheirPlaces) {
     cards.erase(cards.begin() + static_cast<std::ptrdiff_t>(i));
     EXPECT_NE(fault_of(cards).find("place"), std::string::npos) << i;
   }
+  Cards cards = kImage;
+  std::swap(cards[3], cards[4]);
+  EXPECT_NE(fault_of(cards).find("NAXIS1 is not in its place"), std::string::npos);
+  EXPECT_NE(fault_of(with(kCompressed, "BITPIX", "16")).find("a table must"), std::string::npos);
+  cards = with(kCompressed, "NAXIS", "1");
+  cards.erase(cards.begin() + 4);
+  EXPECT_NE(fault_of(cards).find("a table must"), std::string::npos);
 }
 
 TEST(HeaderCheck, SizesAreThoseOfAFile) {
   EXPECT_NE(fault_of(with(kImage, "NAXIS1", "4611686018427387904")), "");
   EXPECT_NE(fault_of(with(kImage, "PCOUNT", "9223372036854775807")), "");
+  const Cards bytes = with(with(kImage, "BITPIX", "8"), "NAXIS2", "1");
+  EXPECT_EQ(fault_of(with(bytes, "NAXIS1", "4611686018427387904")), "");
+  EXPECT_NE(fault_of(with(bytes, "NAXIS1", "4611686018427387905")), "");
   EXPECT_NE(fault_of(with(kImage, "GCOUNT", "9223372036854775807")), "");
 }
 
 TEST(HeaderCheck, ColumnsHaveFormatsThatAddUp) {
   for (const char* format : {"'1PB(27)'", "'8A4'", "'1D'", "'K'", "'64X'", "'2E'"})
     EXPECT_EQ(fault_of(with(kCompressed, "TFORM1", format)), "") << format;
-  for (const char* format :
-       {"'8A0'", "'3PB'", "'1Z'", "''", "'99999999999999999999D'", "'2D'", "'-1D'", "7"})
-    EXPECT_NE(fault_of(with(kCompressed, "TFORM1", format)), "") << format;
+  for (const char* format : {"'8A0'", "'8A9'", "'3PB'", "'1P'", "'1Z'", "''",
+                             "'99999999999999999999D'", "'2305843009213693953D'", "'-1D'"})
+    EXPECT_NE(fault_of(with(kCompressed, "TFORM1", format)).find("the format of a column"),
+              std::string::npos)
+        << format;
+  EXPECT_NE(fault_of(with(kCompressed, "TFORM1", "7")), "");
+  EXPECT_NE(fault_of(with(kCompressed, "TFORM1", "'2D'")).find("NAXIS1 is 8"), std::string::npos);
+  Cards twice = with(kCompressed, "TFORM1", "'1J'");
+  twice.push_back(raw_card("TFORM1", "'1J'"));
+  EXPECT_NE(fault_of(twice).find("twice"), std::string::npos);
+  // Those of columns that the table does not have mean nothing.
+  for (const char* key : {"TFORM2", "TFORM999"})
+    EXPECT_EQ(fault_of(with(kCompressed, key, "'1D'")), "");
   EXPECT_NE(fault_of(with(kCompressed, "TFIELDS", "2")), "");
   EXPECT_NE(fault_of(with(kCompressed, "TNULL1", long_text())), "");
   EXPECT_NE(fault_of(with(kCompressed, "TSCAL1", long_text())), "");
+}
+
+TEST(HeaderCheck, ColumnsOfTextTablesHaveAWidth) {
+  const Cards table{raw_card("XTENSION", "'TABLE   '"),
+                    raw_card("BITPIX", "8"),
+                    raw_card("NAXIS", "2"),
+                    raw_card("NAXIS1", "8"),
+                    raw_card("NAXIS2", "48"),
+                    raw_card("PCOUNT", "0"),
+                    raw_card("GCOUNT", "1"),
+                    raw_card("TFIELDS", "1"),
+                    raw_card("TBCOL1", "1"),
+                    raw_card("TFORM1", "'I8'")};
+  EXPECT_EQ(fault_of(table), "");
+  for (const char* format : {"'I0'", "'A20000'", "'X8'", "'I'", "''"})
+    EXPECT_NE(fault_of(with(table, "TFORM1", format)).find("the format of a column"),
+              std::string::npos)
+        << format;
 }
 
 TEST(HeaderCheck, CompressedImagesHaveTilesByWhichOneCanDivide) {
@@ -172,6 +218,32 @@ TEST(HeaderCheck, CompressedImagesHaveTilesByWhichOneCanDivide) {
       {"ZNAXIS3", "9"},       {"ZNAXIS2", "99999999999"}};
   for (const auto& [key, value] : wrong)
     EXPECT_NE(fault_of(with(kCompressed, key, value)), "") << key << " " << value;
+  EXPECT_NE(fault_of(with(kCompressed, "ZVAL1", "2000")).find("BLOCKSIZE"), std::string::npos);
+  EXPECT_NE(fault_of(with(kCompressed, "ZNAME100", "'BYTEPIX'")).find("ZNAME"), std::string::npos);
+  EXPECT_EQ(fault_of(with(kCompressed, "ZVAL100", "7")), "");
+}
+
+// Sizes and tiles whose products do not fit 64 bits, or are 0.
+TEST(HeaderCheck, CompressedImagesHaveTilesThatCanBeCounted) {
+  const auto without = [](Cards cards, const std::string& key) {
+    std::erase_if(cards, [&](const std::string& card) { return card_name(card) == key; });
+    return cards;
+  };
+  EXPECT_NE(fault_of(without(kCompressed, "ZBITPIX")).find("ZBITPIX is missing"),
+            std::string::npos);
+  EXPECT_NE(fault_of(with(without(kCompressed, "ZTILE1"), "ZNAXIS1", "0")).find("make no sense"),
+            std::string::npos);
+  for (const char* tile : {"4194304", "1"}) {  // 2^22, of which three make 2^66
+    Cards cards = kCompressed;
+    for (const char* key : {"ZNAXIS1", "ZNAXIS2", "ZNAXIS3"}) cards = with(cards, key, "4194304");
+    for (const char* key : {"ZTILE1", "ZTILE2", "ZTILE3"}) cards = with(cards, key, tile);
+    EXPECT_NE(fault_of(cards).find("make no sense"), std::string::npos) << tile;
+  }
+  for (const char* key : {"ZNAXIS7", "ZTILE7", "ZTILE99"}) {  // of axes that it cannot have
+    Cards cards = kCompressed;
+    cards.insert(cards.begin() + 9, raw_card(key, "5"));
+    EXPECT_EQ(fault_of(cards), "") << key;
+  }
 }
 
 TEST(HeaderCheck, ATileIsNotLargerThanWhatCanBeUnpacked) {

@@ -77,6 +77,15 @@ TEST(PlainPixels, KeepAScaleThatTheHeaderGives) {
   expect_every_part(path, numbers<std::int16_t>());
 }
 
+TEST(PlainPixels, OfAnotherWidthAreConverted) {
+  const ScratchDirectory scratch;
+  FitsFile file = FitsFile::open(write_cube<std::uint8_t>(scratch / "cube.fits", ElementType::kU8));
+  const std::vector<std::uint8_t> truth = numbers<std::uint8_t>();
+  std::vector<std::int16_t> wider(truth.size());
+  file.read_pixels(0, std::span(wider));
+  EXPECT_TRUE(std::equal(wider.begin(), wider.end(), truth.begin()));
+}
+
 TEST(PlainPixels, BeyondTheImageAreRefused) {
   const ScratchDirectory scratch;
   FitsFile file =

@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/resource.h>
+#include <unistd.h>
 #include <zlib.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -12,9 +14,11 @@
 #include <filesystem>
 #include <fstream>
 #include <random>
+#include <sstream>
 #include <string>
 #include <vector>
 
+#include "acquisition/fits/confinement.h"
 #include "acquisition/fits/fits_file.h"
 #include "tests/support/failure_text.h"
 #include "tests/support/raw_fits.h"
@@ -100,6 +104,42 @@ TEST(Unpacking, AnotherProcessTakesThePlaceOfOneThatFailed) {
     file.read_pixels(0, std::span(part));
     EXPECT_TRUE(std::equal(part.begin(), part.end(), all.begin()));
   }
+}
+
+TEST(Unpacking, TheProcessMayDoLittleAndTakeLittleMemory) {
+  if (kIsSanitized) GTEST_SKIP() << "a sanitizer forbids both limits";
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "rice.fits";
+  std::string bytes = compressed_image(path);
+  FitsFile file = FitsFile::open(path);
+  file.select(1);
+  std::vector<std::uint16_t> part(7);
+  file.read_pixels(0, std::span(part));
+  int confined = 0;
+  const std::string parent = "PPid:\t" + std::to_string(getpid()) + "\n";
+  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
+    std::ostringstream status;
+    status << std::ifstream(entry.path() / "status").rdbuf();
+    if (status.str().find(parent) == std::string::npos) continue;
+    confined += status.str().find("Seccomp:\t2\n") != std::string::npos ? 1 : 0;
+  }
+  EXPECT_EQ(confined, 1);
+
+  // One tile of 2^27 pixels, more than the process may hold.
+  const auto set = [&](const std::string& key, const std::string& value) {
+    std::string card = raw_card(key, value);
+    const std::size_t at = bytes.find(card.substr(0, 9));
+    ASSERT_NE(at, std::string::npos) << key;
+    card.resize(80, ' ');
+    std::copy(card.begin(), card.end(), bytes.begin() + static_cast<std::ptrdiff_t>(at));
+  };
+  for (const char* key : {"ZNAXIS1", "ZTILE1"}) set(key, "134217728");
+  for (const char* key : {"NAXIS2", "ZNAXIS2", "ZNAXIS3"}) set(key, "1");
+  write_bytes(path, bytes);
+  FitsFile large = FitsFile::open(path);
+  large.select(1);
+  const std::string text = failure_text([&] { large.read_pixels(0, std::span(part)); });
+  EXPECT_NE(text.find("too much memory"), std::string::npos) << text;
 }
 
 // Whatever the tiles hold, there are pixels or one sentence. In this process some of these bytes

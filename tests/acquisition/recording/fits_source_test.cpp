@@ -11,6 +11,7 @@
 #include <limits>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "acquisition/fits/fits_file.h"
@@ -315,6 +316,44 @@ TEST(FitsSource, HeaderKeysBecomeOpticsDetectorAndRegion) {
   EXPECT_EQ(source.format().offset_x_px, 64);
   EXPECT_EQ(source.format().offset_y_px, 0);
   EXPECT_EQ(source.format().binning, 2);
+}
+
+TEST(FitsSource, KeysThatMakeNoSenseAreRefused) {
+  const ScratchDirectory scratch;
+  const std::vector<std::pair<std::string, KeyValue>> wrong{{"PITCH_M", -1.0},
+                                                            {"FOCAL_M", 0.0},
+                                                            {"WAVELEN", 1e9},
+                                                            {"EPERADU", 0.0},
+                                                            {"RDNOISE", -1.0},
+                                                            {"SATURATE", 1e300},
+                                                            {"PARITY", std::int64_t{3}},
+                                                            {"BITDEPTH", std::int64_t{1} << 40U},
+                                                            {"OFFSETX", std::int64_t{1} << 31U},
+                                                            {"OFFSETY", -(std::int64_t{1} << 40U)},
+                                                            {"XBINNING", std::int64_t{0}},
+                                                            {"YBINNING", std::int64_t{2}}};
+  for (const auto& [key, value] : wrong) {
+    const std::string path = scratch / "a.fits";
+    FitsFile file = FitsFile::create(path);
+    file.create_image(ElementType::kU8, {2, 2});
+    file.write_key(key, value);
+    file.commit();
+    const std::string text = failure_text([&] { FitsSource source({path}); });
+    EXPECT_TRUE(contains(text, path) && contains(text, key)) << key << ": " << text;
+  }
+}
+
+// What is read must fit the memory that was made for it.
+TEST(FitsSource, FramesOfAnotherSizeThanAtFirstAreRefused) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "a.fits";
+  write_cube<std::uint8_t>(path, ElementType::kU8, {2, 2}, {1, 2, 3, 4});
+  FitsSource source({path});
+  FrameBuffer small({.rows = 1, .cols = 2, .pixel_type = PixelType::kU8});
+  EXPECT_TRUE(contains(failure_text([&] { source.next(small); }), "the buffer takes 2"));
+  write_cube<std::uint8_t>(path, ElementType::kU8, {2000, 2000}, {});
+  FrameBuffer buffer(source.format());
+  EXPECT_TRUE(contains(failure_text([&] { source.next(buffer); }), "has changed"));
 }
 
 TEST(FitsSource, WhatCannotBeReplayedIsRefusedInOneSentence) {

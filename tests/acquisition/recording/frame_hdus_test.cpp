@@ -226,7 +226,8 @@ TEST_F(FrameRegions, ADatasecThatIsAllOrNoPartOfTheImageLeavesAll) {
   write_region_cube("[1:6,1:4]", ElementType::kU8);
   expect_region({0, 0, 6, 4}, {});
   EXPECT_TRUE(notes_.empty());
-  for (const std::string section : {"[0:0,0:0]", "[3:7,1:4]", "[4:2,1:4]", "everything"}) {
+  for (const std::string section :
+       {"[0:0,0:0]", "[3:7,1:4]", "[4:2,1:4]", "[1:6,4:2]", "everything"}) {
     write_region_cube(section, ElementType::kU8);
     expect_region({0, 0, 6, 4}, {});
     ASSERT_EQ(notes_.size(), 1U);

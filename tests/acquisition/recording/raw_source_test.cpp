@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
+
 #include "core/error.h"
 #include "tests/support/failure_text.h"
 #include "tests/support/numbered_frames.h"
@@ -47,6 +49,17 @@ TEST(RawSources, EveryTypeIsReadAsItIs) {
   }
 }
 
+TEST(RawSources, AFileThatIsCutWhileItIsReadIsRefused) {
+  const ScratchDirectory scratch;
+  const std::string path = scratch / "a.raw";
+  write_bytes(path, pixels(0, 3, RawPixel::kU8));
+  RawSource source({path}, {kRows, kCols, RawPixel::kU8, 0});
+  FrameBuffer frame(source.format());
+  std::filesystem::resize_file(path, 30);
+  EXPECT_EQ(source.next(frame), Delivery::kFrame);
+  EXPECT_EQ(failure_text([&] { source.next(frame); }), path + " cannot be read to its end");
+}
+
 TEST(RawSources, ALengthThatIsNotOfWholeFramesIsRefused) {
   const ScratchDirectory scratch;
   write_bytes(scratch / "a.raw", std::string(41, ' '));
@@ -62,6 +75,7 @@ TEST(RawSources, ALengthThatIsNotOfWholeFramesIsRefused) {
   EXPECT_NE(refusal("a.raw", 41).find("whole frames"), std::string::npos);
   EXPECT_NE(refusal("missing.raw", 0).find("missing.raw"), std::string::npos);
   EXPECT_THROW(RawSource({scratch / "a.raw"}, {0, 5, RawPixel::kU8, 0}), UsageError);
+  EXPECT_THROW(RawSource({scratch / "a.raw"}, {4, 10, RawPixel::kU8, -39}), UsageError);
 }
 
 }  // namespace

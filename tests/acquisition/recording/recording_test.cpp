@@ -179,6 +179,21 @@ TEST(Recording, NothingIsLeftOfARecordingThatIsNotCompleted) {
   EXPECT_TRUE(scratch.names().empty());
 }
 
+TEST(Recording, NothingIsLeftOfAWrongNumberOfFramesAlthoughTheWriterLives) {
+  const ScratchDirectory scratch;
+  FrameBuffer frame(format_of(PixelType::kU16));
+  for (const int count : {0, 1, 3}) {
+    RecordingWriter writer = RecordingWriter::compressed(scratch / "rec.fits", frame.format(),
+                                                         Optics{}, Detector{}, "test", 2);
+    const std::string text = failure_text([&] {
+      for (int i = 0; i < count; ++i) writer.append(frame.view(), frame.header);
+      writer.commit();
+    });
+    EXPECT_TRUE(contains(text, "rec.fits")) << text;
+    EXPECT_TRUE(scratch.names().empty()) << count << " frames";
+  }
+}
+
 TEST(Recording, AstropyReadsIt) {
   const ScratchDirectory scratch;
   for (const PixelType type : {PixelType::kU8, PixelType::kU16}) {

@@ -449,6 +449,16 @@ TEST(UsbFrameAssembler, FeedingAllocatesNothing) {
   }
 }
 
+// It is far longer than the memory behind a frame's pixels.
+TEST(UsbFrameAssembler, ATrailerIsNotTakenForPixels) {
+  UsbLayout layout = stream_layout();
+  layout.trailer_bytes = 32 << 20;
+  Collector collector(layout);
+  for (const std::uint32_t n : {7U, 8U}) collector.feed(stream_frame(layout, n), true);
+  ASSERT_EQ(collector.frames.size(), 2U);
+  EXPECT_EQ(collector.frames[1].pixels, stream_pixels(layout, 8));
+}
+
 TEST(UsbFrameAssembler, ALayoutThatMakesNoSenseIsRefusedByItsKey) {
   const auto text = [](auto&& change) {
     UsbLayout layout = stream_layout();
@@ -467,6 +477,8 @@ TEST(UsbFrameAssembler, ALayoutThatMakesNoSenseIsRefusedByItsKey) {
   EXPECT_NE(text([](UsbLayout& l) { l.sync = "a55"; }).find("[usb] sync"), std::string::npos);
   EXPECT_NE(text([](UsbLayout& l) { l.sync = "zz"; }).find("[usb] sync"), std::string::npos);
   EXPECT_NE(text([](UsbLayout& l) { l.header_bytes = 3; }).find("header_bytes"), std::string::npos);
+  EXPECT_NE(text([](UsbLayout& l) { l.header_bytes = -1; }).find("negative"), std::string::npos);
+  EXPECT_NE(text([](UsbLayout& l) { l.trailer_bytes = -1; }).find("negative"), std::string::npos);
   EXPECT_NE(text([](UsbLayout& l) { l.sequence_offset = 13; }).find("[usb] sequence_offset"),
             std::string::npos);
   EXPECT_NE(text([](UsbLayout& l) { l.sequence_offset = 2; }).find("[usb] sequence_offset"),

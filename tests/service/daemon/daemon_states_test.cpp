@@ -160,7 +160,7 @@ TEST_F(EdgeOfDaemon, AReloadBeforeTheFirstConnectionRefusesASensorForOtherFrames
   changing.daemon.sensor = other_sensor;
   pipeline.reload();
   EXPECT_EQ(pipeline.config().daemon.sensor, sensor_) << "the old plan must stay";
-  EXPECT_NO_THROW(pipeline.prepare(simulator.format(), 0));
+  EXPECT_NO_THROW(pipeline.prepare(simulator.format()));
   // One for the same frames is taken.
   std::filesystem::copy_file(sensor_, folder_ / "copy.fits");
   changing.daemon.sensor = folder_ / "copy.fits";

@@ -59,7 +59,7 @@ class LiveCalibrationTest : public ::testing::Test {
     config_.recorder.folder = folder_.path();
     pipeline_.emplace([this] { return config_; }, status_);
     calibration_.emplace(*pipeline_);
-    pipeline_->prepare(format_, 0);
+    pipeline_->prepare(format_);
     exchange_.emplace(format_, config_.pipeline.slots + 4);
     camera_ = std::thread([this] { send(); });
     frames_ = std::thread([this] {

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <functional>
@@ -11,6 +12,7 @@
 #include "centroiding/centroid.h"
 #include "service/bench/bench_frames.h"
 #include "tests/support/failure_text.h"
+#include "tests/support/raw_fits.h"
 #include "tests/support/scratch_directory.h"
 
 namespace curlew {
@@ -34,6 +36,22 @@ class SensorFile : public ::testing::Test {
     EXPECT_NE(text.find(path_), std::string::npos) << word << ": " << text;
     EXPECT_NE(text.find(word), std::string::npos) << text;
     EXPECT_NE(text.find("calibrate again"), std::string::npos) << text;
+  }
+  /// Returns why a good file is refused after one card of an HDU was changed; hdu: its name, empty
+  /// for the primary.
+  std::string refusal_of_card(const std::string& hdu, const std::string& key,
+                              const std::string& value) {
+    EXPECT_EQ(refusal([](Sensor&) {}), "");
+    std::string bytes = read_bytes(path_);
+    std::string card = raw_card(key, value);
+    const std::size_t begin =
+        hdu.empty() ? 0 : bytes.rfind("XTENSION", bytes.find("EXTNAME = '" + hdu));
+    const std::size_t at = bytes.find(card.substr(0, 9), begin);
+    if (at == std::string::npos) return "there is no card " + key;
+    card.resize(80, ' ');
+    std::copy(card.begin(), card.end(), bytes.begin() + static_cast<std::ptrdiff_t>(at));
+    write_bytes(path_, bytes);
+    return failure_text([&] { read_sensor(path_); });
   }
   Sensor read;
   ScratchDirectory folder_;
@@ -71,7 +89,53 @@ TEST_F(SensorFile, ValidLensletsHaveNumbersThatMakeSense) {
   expect_refused("FLUX", [](Sensor& s) { s.flux_adu[3] = std::numeric_limits<float>::infinity(); });
   expect_refused("window", [](Sensor& s) { s.window[3].x0 = 1000; });
   expect_refused("WAVELEN", [](Sensor& s) { s.optics.wavelength_m = 1e2; });
+  expect_refused("WAVELEN", [](Sensor& s) { s.optics.wavelength_m = s.optics.focal_m = 1e-8; });
   expect_refused("BACKGRND", [](Sensor& s) { s.background_adu = 1e300; });
+}
+
+TEST_F(SensorFile, WindowsLieOnTheDetector) {
+  constexpr int kMost = std::numeric_limits<int>::max();
+  const auto expect = [&](int Window::*side, int value) {
+    expect_refused("window", [&](Sensor& s) { s.window[3].*side = value; });
+  };
+  for (int Window::*side : {&Window::x0, &Window::y0})
+    for (const int value : {-1, 1000, kMost}) expect(side, value);
+  for (int Window::*side : {&Window::w, &Window::h})
+    for (const int value : {0, -5, 1000, kMost}) expect(side, value);
+}
+
+TEST_F(SensorFile, EveryReferenceAndGainIsLookedAt) {
+  for (Image<float> Sensor::*map : {&Sensor::ref_x_px, &Sensor::ref_y_px})
+    for (const float value : {-1e9F, 1e9F})
+      expect_refused("valid but its reference", [&](Sensor& s) { (s.*map)[3] = value; });
+  for (Image<float> Sensor::*map : {&Sensor::gain_x, &Sensor::gain_y})
+    for (const float value : {0.0F, -1.0F, 1e9F})
+      expect_refused("gain", [&](Sensor& s) { (s.*map)[3] = value; });
+}
+
+TEST_F(SensorFile, SizesAreWholeNumbersThatMakeSense) {
+  for (const std::string key : {"ROWS", "COLS", "NX", "NY"})
+    for (const char* value : {"0", "-3", "4.5", "2000000"})
+      EXPECT_NE(refusal_of_card("", key, value).find(key + " is not a size"), std::string::npos)
+          << key << " = " << value;
+  for (const std::string key : {"P11", "ORIGINY"})
+    EXPECT_NE(refusal_of_card("", key, "").find(key + " is missing"), std::string::npos);
+}
+
+TEST_F(SensorFile, MapsHaveTheSizesOfTheirGrid) {
+  expect_refused("REFY", [](Sensor& s) { s.ref_y_px = Image<float>(2, 3); });
+  expect_refused("VALID", [](Sensor& s) { s.valid = Image<std::uint8_t>(42, 1); });
+  expect_refused("DARK", [](Sensor& s) { s.dark_adu = Image<float>(3, 3); });
+  expect_refused("FLAT", [](Sensor& s) { s.flat = Image<float>(3, 3); });
+  expect_refused("BADPIX", [](Sensor& s) { s.bad_pixel = Image<std::uint8_t>(3, 3); });
+  for (const char* hdu : {"WINDOW", "GAIN"})
+    EXPECT_NE(refusal_of_card(hdu, "NAXIS3", "1").find(hdu), std::string::npos);
+}
+
+TEST_F(SensorFile, WordsAreThoseThatAreKnown) {
+  EXPECT_NE(refusal_of_card("", "CENTROID", "'best'").find("method best"), std::string::npos);
+  EXPECT_NE(refusal_of_card("", "LAYOUT", "'HEX'").find("HEX"), std::string::npos);
+  expect_refused("CORETHR", [](Sensor& s) { s.core_threshold = 1.5; });
 }
 
 TEST_F(SensorFile, AnUnresponsivePixelIsBad) {
