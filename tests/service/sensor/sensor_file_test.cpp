@@ -69,6 +69,35 @@ TEST_F(SensorFile, AWholeOneIsRead) {
             "");
 }
 
+TEST_F(SensorFile, BendsComeBackAndMakeSense) {
+  constexpr std::array kBends{&Sensor::bend2_x, &Sensor::bend2_y, &Sensor::bend3_x,
+                              &Sensor::bend3_y};
+  EXPECT_EQ(refusal([](Sensor&) {}), "");
+  for (const auto map : kBends) EXPECT_TRUE((read.*map).empty());
+  const auto bend = [&](Sensor& s) {
+    float value = 0.1F;
+    for (const auto map : kBends) {
+      s.*map = Image<float>(kCase.rows, kCase.cols);
+      for (float& of_lenslet : s.*map) of_lenslet = value += 0.001F;
+    }
+  };
+  Sensor bent;
+  EXPECT_EQ(refusal([&](Sensor& s) {
+              bend(s);
+              bent = s;
+            }),
+            "");
+  for (const auto map : kBends) {
+    ASSERT_EQ((read.*map).size(), (bent.*map).size());
+    for (std::size_t k = 0; k < (bent.*map).size(); ++k) EXPECT_EQ((read.*map)[k], (bent.*map)[k]);
+  }
+  for (const auto map : kBends)
+    expect_refused("BEND", [&](Sensor& s) {
+      bend(s);
+      (s.*map)[3] = std::numeric_limits<float>::quiet_NaN();
+    });
+}
+
 TEST_F(SensorFile, TheGridIsThatOfTheReferenceSpots) {
   expect_refused("P11", [](Sensor& s) { s.grid.p11 = 0.0; });
   expect_refused("ORIGINX", [](Sensor& s) { s.grid.origin_x_px += 15.0; });
