@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <span>
 
 #include "core/as_size.h"
@@ -14,9 +15,11 @@ namespace {
 constexpr float kSigmaOfMedian = 1.4826F;
 constexpr std::size_t kMaxSample = 64;  // The median of so many scatters by an eighth.
 
-// The least light between the lenslets that is surely there, over T, which is 4 σ; and over σ.
-constexpr float kOfThreshold = 0.375F;
-constexpr float kOfNoise = 1.5F;
+// The least light between the lenslets that is surely there: over T, which is 4 σ of a pixel, and
+// over σ, where a corner is one pixel. More pixels lessen it by the root of their number.
+constexpr float kOfThreshold = 0.825F;
+constexpr float kOfNoise = 3.3F;
+constexpr float kOfStep = 0.375F;  // of the step from one side to the other
 // Such light pulls a spot by up to this part of its window's width, times that light over the
 // spot's.
 constexpr float kLever = 0.3F;
@@ -58,6 +61,70 @@ struct Spread {
   float median;
   float sigma;
 };
+
+/// Returns the light round a lenslet that the level does not have, or the step across it, in
+/// counts.
+float light_around(const FrameLevels& levels, std::size_t row, std::size_t col) noexcept {
+  const std::size_t cols = as_size(levels.raw.cols());
+  const float* upper = levels.corner.data() + row * (cols + 1) + col;
+  const float* lower = upper + cols + 1;
+  const std::size_t k = row * cols + col;
+  return larger(levels.raw[k] - levels.level[k],
+                kOfStep * larger(step({upper[0], lower[0]}, {upper[1], lower[1]}),
+                                 step({upper[0], upper[1]}, {lower[0], lower[1]})));
+}
+
+// The two functions below look at whole rows. Their loops store nothing and have no branch, so that
+// the compiler makes vectors of them.
+
+/// Returns whether both of one side exceed both of the other by more than this.
+int exceed(Pair one, Pair other, float by) noexcept {
+  return (one.a - other.a > by ? 1 : 0) & (one.a - other.b > by ? 1 : 0) &
+         (one.b - other.a > by ? 1 : 0) & (one.b - other.b > by ? 1 : 0);
+}
+
+/// Returns whether a lenslet of the row may have more than this round it.
+bool is_lit_around(const FrameLevels& levels, std::size_t row, float least) noexcept {
+  const std::size_t cols = as_size(levels.raw.cols());
+  const float* raw = levels.raw.data() + row * cols;
+  const float* level = levels.level.data() + row * cols;
+  const float* upper = levels.corner.data() + row * (cols + 1);
+  const float* lower = upper + cols + 1;
+  int lit = 0;
+  for (std::size_t c = 0; c < cols; ++c) lit |= raw[c] - level[c] > least ? 1 : 0;
+  const float least_step = least / kOfStep;
+  for (std::size_t c = 0; c < cols; ++c)
+    lit |= exceed({upper[c + 1], lower[c + 1]}, {upper[c], lower[c]}, least_step) |
+           exceed({upper[c], lower[c]}, {upper[c + 1], lower[c + 1]}, least_step);
+  for (std::size_t c = 0; c < cols; ++c)
+    lit |= exceed({lower[c], lower[c + 1]}, {upper[c], upper[c + 1]}, least_step) |
+           exceed({upper[c], upper[c + 1]}, {lower[c], lower[c + 1]}, least_step);
+  return lit != 0;
+}
+
+/// Spots that exceed the first and one of the others are unlike the rest.
+struct UnlikeSpots {
+  float brightest, widest_px2, longest_px2;
+};
+
+/// Returns whether there is one among lenslets [begin, end).
+bool has_unlike(const Centroids& centroids, const Image<float>& reference_flux_adu,
+                std::size_t begin, std::size_t end, const UnlikeSpots& than) noexcept {
+  const float* flux = centroids.flux_adu.data();
+  const float* reference = reference_flux_adu.data();
+  const float* xx = centroids.xx_px2.data();
+  const float* yy = centroids.yy_px2.data();
+  const float* xy = centroids.xy_px2.data();
+  const float brightest = than.brightest, widest = than.widest_px2, longest = than.longest_px2;
+  int unlike = 0;
+  for (std::size_t k = begin; k < end; ++k) {
+    const int brighter = flux[k] > brightest * reference[k] ? 1 : 0;
+    const int wider = xx[k] + yy[k] > widest ? 1 : 0;
+    const int longer = std::abs(xx[k] - yy[k]) + 2.0F * std::abs(xy[k]) > longest ? 1 : 0;
+    unlike |= brighter & (wider | longer);
+  }
+  return unlike != 0;
+}
 
 /// Reorders and changes the values.
 Spread spread_of(std::span<float> values) noexcept {
@@ -108,39 +175,47 @@ ForeignLight::Usual ForeignLight::usual(const Centroids& centroids) noexcept {
 void ForeignLight::mark(const FrameLevels& levels, Centroids& centroids,
                         std::vector<std::uint8_t>& row_changed) noexcept {
   check_size("ForeignLight", "centroids", size_of(centroids.state), size_of(pull_));
-  const Usual most = usual(centroids);
-  const float least =
-      std::max(kOfThreshold * levels.threshold, kOfNoise * std::sqrt(levels.pixel_variance));
-  const float* flux = centroids.flux_adu.data();
   const std::size_t cols = as_size(pull_.cols());
-  const float* corner = levels.corner.data();
-  const auto is_foreign = [&](std::size_t row, std::size_t col) {
-    const std::size_t k = row * cols + col;
-    const float* upper = corner + row * (cols + 1) + col;
-    const float* lower = upper + cols + 1;
-    const float around =
-        larger(levels.raw[k] - levels.level[k],
-               kOfThreshold * larger(step({upper[0], lower[0]}, {upper[1], lower[1]}),
-                                     step({upper[0], upper[1]}, {lower[0], lower[1]})));
+  const auto corner_pixels = static_cast<float>(levels.values.size() / levels.corner.size());
+  const float least =
+      std::max(kOfThreshold * levels.threshold, kOfNoise * std::sqrt(levels.pixel_variance)) /
+      std::sqrt(corner_pixels);
+  const auto median = [&](const auto& value_of) {
+    values_.clear();
+    for (const std::size_t k : sample_)
+      if (centroids.state[k] == LensletState::kValid) values_.push_back(value_of(k));
+    return median_of(std::span(values_));
+  };
+  const float flux =
+      median([&](std::size_t k) { return centroids.flux_adu[k] / reference_flux_adu_[k]; });
+  const float width_px2 = median([&](std::size_t k) { return width_of(centroids, k); });
+  const UnlikeSpots perhaps{flux + kBrighter * flux, width_px2 + kWider * width_px2,
+                            kWider * width_px2};
+  std::optional<Usual> most;  // It takes long to find, and hardly any frame needs it.
+
+  const auto is_foreign = [&](std::size_t row, std::size_t k) {
+    const float around = light_around(levels, row, k - row * cols);
     const float pull_px = pull_[k] * around;  // times the spot's light
     const float noise_px2 = centroids.variance_x_px2[k] + centroids.variance_y_px2[k];
-    const float allowed_px = flux[k] * kPulled_px;
-    const int diffuse =
-        static_cast<int>(around > least) & static_cast<int>(pull_px > allowed_px) &
-        static_cast<int>(pull_px * pull_px > kSigmas * kSigmas * noise_px2 * flux[k] * flux[k]);
-    const int brighter = static_cast<int>(flux[k] > most.brightest * reference_flux_adu_[k]);
-    const int unlike = static_cast<int>(width_of(centroids, k) > most.widest_px2) |
-                       static_cast<int>(elongation_of(centroids, k) > most.longest_px2);
-    return diffuse | (brighter & unlike);
+    const float light = centroids.flux_adu[k];
+    const bool pulls = pull_px > light * kPulled_px &&
+                       pull_px * pull_px > kSigmas * kSigmas * noise_px2 * light * light;
+    if (around > least && pulls) return true;
+    return light > most->brightest * reference_flux_adu_[k] &&
+           (width_of(centroids, k) > most->widest_px2 ||
+            elongation_of(centroids, k) > most->longest_px2);
   };
   for (std::size_t row = 0; row < row_changed.size(); ++row) {
-    int any = 0;
-    for (std::size_t col = 0; col < cols; ++col)  // stores nothing, so that it is vectors
-      any |= is_foreign(row, col);
-    if (any == 0) continue;
-    for (std::size_t col = 0; col < cols; ++col) {
-      const std::size_t k = row * cols + col;
-      if (centroids.state[k] != LensletState::kValid || is_foreign(row, col) == 0) continue;
+    const std::size_t first = row * cols;
+    const auto holds = [&](const UnlikeSpots& spots) {
+      return has_unlike(centroids, reference_flux_adu_, first, first + cols, spots);
+    };
+    const bool lit_around = is_lit_around(levels, row, least);
+    if (!lit_around && !holds(perhaps)) continue;
+    if (!most) most = usual(centroids);
+    if (!lit_around && !holds({most->brightest, most->widest_px2, most->longest_px2})) continue;
+    for (std::size_t k = first; k < first + cols; ++k) {
+      if (centroids.state[k] != LensletState::kValid || !is_foreign(row, k)) continue;
       centroids.state[k] = LensletState::kLost;
       --centroids.n_valid;
       row_changed[row] = 1;
