@@ -24,7 +24,8 @@ constexpr float kOfStep = 0.375F;  // of the step from one side to the other
 // spot's.
 constexpr float kLever = 0.3F;
 constexpr float kPulled_px = 0.05F;
-constexpr float kSigmas = 3.0F;  // of the spot's noise
+constexpr float kOfSigma = 0.12F;  // Optics leave broad spots off anyway.
+constexpr float kSigmas = 3.0F;    // of the spot's noise
 
 // A spot is brighter, wider or longer than the others if it is so by these parts of the median, and
 // by so many robust standard deviations.
@@ -198,8 +199,10 @@ void ForeignLight::mark(const FrameLevels& levels, Centroids& centroids,
     const float pull_px = pull_[k] * around;  // times the spot's light
     const float noise_px2 = centroids.variance_x_px2[k] + centroids.variance_y_px2[k];
     const float light = centroids.flux_adu[k];
-    const bool pulls = pull_px > light * kPulled_px &&
-                       pull_px * pull_px > kSigmas * kSigmas * noise_px2 * light * light;
+    const float of_sigma_px2 = kOfSigma * kOfSigma * 0.5F * width_of(centroids, k);
+    const float allowed_px2 =
+        std::max({kPulled_px * kPulled_px, of_sigma_px2, kSigmas * kSigmas * noise_px2});
+    const bool pulls = pull_px * pull_px > allowed_px2 * light * light;
     if (around > least && pulls) return true;
     return light > most->brightest * reference_flux_adu_[k] &&
            (width_of(centroids, k) > most->widest_px2 ||
