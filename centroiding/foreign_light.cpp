@@ -177,10 +177,10 @@ void ForeignLight::mark(const FrameLevels& levels, Centroids& centroids,
                         std::vector<std::uint8_t>& row_changed) noexcept {
   check_size("ForeignLight", "centroids", size_of(centroids.state), size_of(pull_));
   const std::size_t cols = as_size(pull_.cols());
-  const auto corner_pixels = static_cast<float>(levels.values.size() / levels.corner.size());
+  const std::size_t corner_pixels = levels.values.size() / levels.corner.size();
   const float least =
       std::max(kOfThreshold * levels.threshold, kOfNoise * std::sqrt(levels.pixel_variance)) /
-      std::sqrt(corner_pixels);
+      std::sqrt(static_cast<float>(corner_pixels));
   const auto median = [&](const auto& value_of) {
     values_.clear();
     for (const std::size_t k : sample_)
