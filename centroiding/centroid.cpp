@@ -87,12 +87,12 @@ class Kernel {
     const WindowSpot* spots = &windows_[static_cast<std::size_t>(strip.first)];
     const std::uint32_t saturated = fold_strip(plan_, lists, strip, spots, sums_, brightest, out_);
     // What is rare is measured by windows.
-    if (saturated == 0 && (conditions_.sharp == nullptr || conditions_.sharp->pixels.empty()))
-      return;
+    const SharpPixels* sharp = conditions_.sharp;
+    const bool any_hit = sharp != nullptr && (sharp->any_broken || !sharp->pixels.empty());
+    if (saturated == 0 && !any_hit) return;
     for (int i = 0; i < strip.n; ++i) {
       const int k = strip.first + i;
-      const bool hit = conditions_.sharp != nullptr &&
-                       conditions_.sharp->first[static_cast<std::size_t>(k)] >= 0;
+      const bool hit = any_hit && (sharp->first[as_size(k)] >= 0 || sharp->broken[as_size(k)] != 0);
       if (hit || (saturated >> static_cast<unsigned>(i) & 1U) != 0) measure_again(k);
     }
   }
@@ -181,13 +181,15 @@ class Kernel {
            i = sharp->pixels[static_cast<std::size_t>(i)].next)
         replace_pixel(plan_, pixels_, spot, sharp->pixels[static_cast<std::size_t>(i)], sums);
 
+    const bool broken = sharp != nullptr && sharp->broken[k] != 0;
+    const LensletState state = broken ? LensletState::kBadPixels : spot.state;
     const hn::CappedTag<float, 4> d;
     const hn::RebindToSigned<decltype(d)> di;
     const auto set = [&](float value) { return hn::Set(d, value); };
     finish_spots(
         d, plan_,
         {set(spot.centre_x()), set(spot.centre_y()), set(spot.min_x), set(spot.max_x),
-         set(spot.min_y), set(spot.max_y), hn::Set(di, static_cast<std::int32_t>(spot.state))},
+         set(spot.min_y), set(spot.max_y), hn::Set(di, static_cast<std::int32_t>(state))},
         {set(sums.v), set(sums.v_x), set(sums.v_y), set(sums.v_xx), set(sums.v_xy), set(sums.v_yy)},
         {set(sums.r), set(sums.r_x), set(sums.r_y), set(sums.r_xx), set(sums.r_xy), set(sums.r_yy)},
         set(sums.peak), k, 1, out_);

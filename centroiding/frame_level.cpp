@@ -167,11 +167,11 @@ float noise_of(std::span<float> residuals) noexcept {
   return n > 0 ? std::sqrt(static_cast<float>(sum / n) / kKept) : 0.0F;
 }
 
-/// By how much the highest level may differ from one frame to the next.
-float margin_of(const FrameLevels& levels) noexcept {
+/// By how much the highest or lowest level may differ from one frame to the next.
+float margin_of(const FrameLevels& levels, float level) noexcept {
   constexpr float kCount = 0.5F;
   constexpr float kOfLevel = 0.1F;
-  return levels.noise + kCount + kOfLevel * std::abs(levels.highest);
+  return levels.noise + kCount + kOfLevel * std::abs(level);
 }
 
 }  // namespace
@@ -239,6 +239,7 @@ void begin_levels(FrameLevels& levels) noexcept {
   levels.corner_rows = levels.raw_rows = levels.rows = 0;
   levels.n_residuals = levels.next_residual = 0;
   levels.highest = std::numeric_limits<float>::lowest();
+  levels.lowest = std::numeric_limits<float>::max();
 }
 
 void measure_level_rows(const LevelPlan& plan, const std::vector<LevelPixel>& pixels,
@@ -269,31 +270,38 @@ void measure_level_rows(const LevelPlan& plan, const std::vector<LevelPixel>& pi
   const float* first = &levels.level(levels.rows, 0);
   const float* last = first + as_size(end - levels.rows) * as_size(plan.cols());
   levels.highest = std::max(levels.highest, *std::max_element(first, last));
+  levels.lowest = std::min(levels.lowest, *std::min_element(first, last));
   collect_residuals(plan, levels.rows, end, levels);
   levels.rows = end;
 }
 
 void finish_levels(const LevelPlan& plan, FrameLevels& levels) noexcept {
   levels.noise = noise_of({levels.residuals.data(), levels.n_residuals});
-  go_by(plan, {.noise = levels.noise, .bound = levels.highest}, levels);
+  go_by(plan, {.noise = levels.noise, .bound = levels.highest, .floor = levels.lowest}, levels);
 }
 
 LevelForecast forecast_after(const FrameLevels& levels) noexcept {
-  return {.noise = levels.noise, .bound = levels.highest + margin_of(levels)};
+  return {.noise = levels.noise,
+          .bound = levels.highest + margin_of(levels, levels.highest),
+          .floor = levels.lowest - margin_of(levels, levels.lowest)};
 }
 
 bool came_true(const LevelForecast& forecast, const FrameLevels& levels) noexcept {
   constexpr float kNoiseHeld = 0.125F;
-  const float below = forecast.bound - levels.highest;
+  const auto is_near = [&](float distance, float level) {
+    return distance >= 0.0F && distance <= 2.0F * margin_of(levels, level);
+  };
   return forecast.noise >= 0.0F &&
-         std::abs(levels.noise - forecast.noise) <= kNoiseHeld * forecast.noise && below >= 0.0F &&
-         below <= 2.0F * margin_of(levels);
+         std::abs(levels.noise - forecast.noise) <= kNoiseHeld * forecast.noise &&
+         is_near(forecast.bound - levels.highest, levels.highest) &&
+         is_near(levels.lowest - forecast.floor, levels.lowest);
 }
 
 void go_by(const LevelPlan& plan, const LevelForecast& forecast, FrameLevels& levels) noexcept {
   levels.threshold = plan.threshold(forecast.noise);
   levels.pixel_variance = plan.pixel_variance(forecast.noise);
   levels.bound = forecast.bound;
+  levels.floor = forecast.floor;
 }
 
 void measure_levels(const LevelPlan& plan, const std::vector<LevelPixel>& pixels, FrameView frame,

@@ -97,7 +97,10 @@ struct FrameLevels {
   Image<float> raw;  ///< [rows, cols] before it is smoothed
 
   float highest = 0;  ///< of `level`, counts
-  float bound = 0;    ///< counts that no level exceeds, by which sharp pixels are sought
+  float lowest = 0;
+  // Counts that no level exceeds, and that none is below; sharp and dead pixels are sought by them.
+  float bound = 0;
+  float floor = 0;
   // How many rows have been measured of a frame that is still arriving.
   int corner_rows = 0;
   int raw_rows = 0;
@@ -131,6 +134,7 @@ void begin_levels(FrameLevels& levels) noexcept;
 struct LevelForecast {
   float noise = -1.0F;  ///< counts; negative where nothing is known
   float bound = 0.0F;   ///< counts that no level exceeds
+  float floor = 0.0F;   ///< counts that no level is below
 };
 
 /// Returns the forecast for the frame that follows the one of these levels.
@@ -138,10 +142,10 @@ LevelForecast forecast_after(const FrameLevels& levels) noexcept;
 
 /// Returns whether the forecast came true: the frame's noise differs by less than an eighth, which
 /// is 3.5 standard deviations of the difference between two frames, and its levels come near the
-/// bound and do not exceed it.
+/// bounds and lie between them.
 bool came_true(const LevelForecast& forecast, const FrameLevels& levels) noexcept;
 
-/// Sets levels.threshold, pixel_variance and bound to what follows from the forecast.
+/// Sets levels.threshold, pixel_variance, bound and floor to what follows from the forecast.
 void go_by(const LevelPlan& plan, const LevelForecast& forecast, FrameLevels& levels) noexcept;
 
 }  // namespace curlew

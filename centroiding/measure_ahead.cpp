@@ -30,9 +30,11 @@ int steps_to(float off_px) noexcept {
 }
 
 bool holds_candidate(const CentroidPlan::Spot& spot, const SharpPixels& sharp) noexcept {
-  return std::any_of(sharp.candidates.begin(), sharp.candidates.end(), [&](const SharpPixel& at) {
+  const auto is_in = [&](const SharpPixel& at) {
     return at.x >= spot.x0 && at.x < spot.x0 + spot.w && at.y >= spot.y0 && at.y < spot.y0 + spot.h;
-  });
+  };
+  return std::any_of(sharp.candidates.begin(), sharp.candidates.end(), is_in) ||
+         std::any_of(sharp.clump_candidates.begin(), sharp.clump_candidates.end(), is_in);
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
-// Pixels that are too sharp to be light through the optics: cosmic rays and hot pixels.
+// Pixels that are no light through the optics: cosmic rays and hot pixels, which are too sharp, and
+// pixels and lines that became dead or bright after the calibration.
 #pragma once
 
 #include <algorithm>
@@ -24,10 +25,15 @@ struct SharpPixelPlan {
   /// all of them may lie between pixels, where a spot is hardly sharp. 0: nothing is looked for,
   /// because the spots are so sharp themselves, or nothing is known of them.
   float sharpness = 0;
-  float dark = 0;  ///< the dark that 99 % of the pixels stay below, counts
+  /// A pixel of a clump of hot pixels may be this many times as bright as the second brightest of
+  /// the four pixels that are two away: three times what the narrowest spot would show in the
+  /// middle of a pixel. 0: nothing is looked for.
+  float clump_sharpness = 0;
+  float dark = 0;      ///< the dark that 99 % of the pixels stay below, counts
+  float low_dark = 0;  ///< the dark that 99 % of the pixels exceed, counts
 };
 
-/// One lenslet's sharp pixel.
+/// One lenslet's pixel that is sharp or dead, and for which its neighbours can stand in.
 struct SharpPixel {
   std::int32_t x = 0;  ///< in the frame
   std::int32_t y = 0;
@@ -39,12 +45,20 @@ struct SharpPixels {
   SharpPixels(int rows, int cols);
 
   FixedList<SharpPixel> pixels;
-  FixedList<SharpPixel> candidates;  ///< a buffer of find_sharp_pixels()
-  Image<std::int32_t> first;         ///< [rows, cols] the lenslet's first in `pixels`, or −1
+  // Buffers of find_sharp_pixels().
+  FixedList<SharpPixel> candidates;
+  FixedList<SharpPixel> clump_candidates;
+  Image<std::int32_t> first;  ///< [rows, cols] the lenslet's first in `pixels`, or −1
+  /// [rows, cols] 1 where a line or clump of bright or dead pixels is in a lenslet's window. Such a
+  /// lenslet is measured as kBadPixels.
+  Image<std::uint8_t> broken;
+  bool any_broken = false;
 
   // How far a frame that is still arriving has been looked at.
   int pixel_rows = 0;        ///< rows of the frame
+  int clump_rows = 0;        ///< the same, for clumps
   std::size_t assigned = 0;  ///< candidates
+  std::size_t clumps_assigned = 0;
 };
 
 /// Returns the count that stands in for a sharp pixel's own: the mean of the middle two of its four
@@ -59,10 +73,9 @@ float count_instead(const Pixel* pixels, int cols, const SharpPixel& sharp) noex
   return 0.5F * ((a + b) + (c + e) - low - high);
 }
 
-/// Finds the sharp pixels of one frame's windows, which are [rows, cols] of lenslets. A pixel is
-/// sharp where its light exceeds sharpness × the second brightest of its four neighbours + 4.5 √(σ²
-/// + k·light), all above the frame's level. Never allocates; what does not fit into the list stays,
-/// and is counted there.
+/// Finds the pixels of one frame's windows, which are [rows, cols] of lenslets, that are no light;
+/// PixelFaults says which these are. Never allocates; what does not fit into the list stays, and is
+/// counted there.
 void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
                        const Image<CentroidPlan::Spot>& windows, FrameView frame,
                        const FrameLevels& levels, SharpPixels& sharp) noexcept;

@@ -29,6 +29,7 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
                                const LevelPlan& level_plan, const CentroidOptions& options)
     : acquisition_(sensor, plan),
       judge_(sensor, plan),
+      foreign_light_(sensor, plan),
       pitch_px_(static_cast<float>(sensor.grid.pitch_px())),
       followed_px_(pitch_px_ * (level_plan.corners_are_lit() ? kFollowedClosely : kFollowed)),
       middle_blocks_(level_plan.pixels()),
@@ -282,6 +283,7 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
   centre_spots(plan, sharp_plan, frame, levels, sharp, *looked, centroids);
   judge_.judge(centroids, row_changed_);
   judge_.remember(centroids);
+  foreign_light_.mark(levels, centroids, row_changed_);
   find_core_positions(plan, frame, centroids, {&levels, &sharp, &windows_});
   if (plan.core_threshold > 0.0F)
     std::fill(row_changed_.begin(), row_changed_.end(), std::uint8_t{1});

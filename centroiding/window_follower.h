@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "centroiding/centroid.h"
+#include "centroiding/foreign_light.h"
 #include "centroiding/frame_level.h"
 #include "centroiding/low_orders.h"
 #include "centroiding/sensor.h"
@@ -137,6 +138,7 @@ class WindowFollower {
 
   SpotAcquisition acquisition_;
   SpotJudge judge_;  ///< with its state
+  ForeignLight foreign_light_;
   float pitch_px_;
   float followed_px_;  ///< Windows stay while the spots' low orders are within this.
   std::vector<LevelPixel> middle_blocks_;  ///< for the level in the middles of the windows

@@ -222,8 +222,8 @@ ShardRecord read_whole_shard(const std::string& path) {
 }
 
 std::string text_of(const FollowerMemory& memory) {
-  std::string text = fmt::format("{};{};{},{},", memory.frames, memory.started ? 1 : 0,
-                                 memory.level.noise, memory.level.bound);
+  std::string text = fmt::format("{};{};{},{},{},", memory.frames, memory.started ? 1 : 0,
+                                 memory.level.noise, memory.level.bound, memory.level.floor);
   for (const float c : memory.model.x) text += fmt::format("{},", c);
   for (const float c : memory.model.y) text += fmt::format("{},", c);
   for (const std::int8_t seen : memory.seen) text += static_cast<char>('0' + seen);
@@ -245,6 +245,7 @@ FollowerMemory follower_memory_from(const std::string& text, int rows, int cols)
   take(started);
   take(memory.level.noise);
   take(memory.level.bound);
+  take(memory.level.floor);
   for (float& c : memory.model.x) take(c);
   for (float& c : memory.model.y) take(c);
   memory.started = started != 0;

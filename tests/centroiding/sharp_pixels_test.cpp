@@ -50,6 +50,7 @@ TEST(SharpPixels, LightIsNone) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     const Measured measured(make_bench_frame(kCase, BenchSlopes::kRandom, kSeed + seed));
     EXPECT_TRUE(measured.sharp.pixels.empty()) << "seed " << kSeed + seed;
+    EXPECT_FALSE(measured.sharp.any_broken) << "seed " << kSeed + seed;
   }
 }
 

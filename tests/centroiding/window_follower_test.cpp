@@ -10,175 +10,14 @@
 #include <string>
 #include <vector>
 
-#include "acquisition/simulator/random_stream.h"
 #include "core/as_size.h"
+#include "tests/centroiding/followed_scene.h"
 
 namespace curlew {
 namespace {
 
-constexpr std::uint64_t kSeed = 20261129;
-constexpr int kCount = 16;       // lenslets along a side
-constexpr double kPitch = 12.0;  // px
-constexpr double kMargin = 30.0;
-constexpr double kSigma = 1.5;
-constexpr double kElectrons = 3000.0;
-constexpr double kReadNoise = 3.0;
-constexpr double kBias = 100.0;
-
-using Place = std::array<double, 2>;
-/// The displacement of lenslet (row, col)'s spot, in px; and its light over the usual.
-using Displacement = std::function<Place(int row, int col)>;
-using Brightness = std::function<double(int row, int col)>;
-
-Displacement tilt(double x_pitches, double y_pitches) {
-  return [=](int, int) { return Place{x_pitches * kPitch, y_pitches * kPitch}; };
-}
-double all_lit(int, int) { return 1.0; }
-/// A beam that leaves three lenslets dark on every side.
-double round_beam(int row, int col) {
-  const double middle = 0.5 * (kCount - 1);
-  return std::hypot(row - middle, col - middle) < 5.2 ? 1.0 : 0.0;
-}
-
-/// A sensor that was calibrated without any error, and frames of it.
-struct Scene {
-  explicit Scene(double rotation_deg = 0.0, double pitch_px = kPitch, double spot_sigma_px = kSigma)
-      : sigma_px(spot_sigma_px) {
-    const double a = rotation_deg * std::numbers::pi / 180.0;
-    const double side = kCount * pitch_px * (std::abs(std::cos(a)) + std::abs(std::sin(a)));
-    const int pixels = static_cast<int>(side + 2.0 * kMargin);
-    sensor.frame_rows = format.rows = pixels;
-    sensor.frame_cols = format.cols = pixels;
-    LensletGrid& grid = sensor.grid;
-    grid.rows = grid.cols = kCount;
-    grid.p11 = grid.p22 = pitch_px * std::cos(a);
-    grid.p21 = pitch_px * std::sin(a);
-    grid.p12 = -grid.p21;
-    const double middle = 0.5 * (kCount - 1);
-    grid.origin_x_px = 0.5 * (pixels - 1) - middle * (grid.p11 + grid.p12);
-    grid.origin_y_px = 0.5 * (pixels - 1) - middle * (grid.p21 + grid.p22);
-    sensor.detector = {.e_per_adu = 1.0, .read_noise_e = kReadNoise};
-    sensor.background_adu = kBias;
-    sensor.spot_sharpness = 1.3;
-    sensor.valid = Image<std::uint8_t>(kCount, kCount, 1);
-    sensor.window = Image<Window>(kCount, kCount);
-    sensor.gain_x = sensor.gain_y = Image<float>(kCount, kCount, 1.0F);
-    sensor.flux_adu = Image<float>(kCount, kCount, static_cast<float>(kElectrons));
-    sensor.ref_x_px = sensor.ref_y_px = Image<float>(kCount, kCount);
-    const int window = static_cast<int>(pitch_px);
-    for (int r = 0; r < kCount; ++r) {
-      for (int c = 0; c < kCount; ++c) {
-        const auto [x, y] = grid.pixel_from_lenslet(c, r);
-        sensor.ref_x_px(r, c) = static_cast<float>(x);
-        sensor.ref_y_px(r, c) = static_cast<float>(y);
-        sensor.window(r, c) = {static_cast<int>(std::lround(x - 0.5 * (window - 1))),
-                               static_cast<int>(std::lround(y - 0.5 * (window - 1))), window,
-                               window};
-      }
-    }
-  }
-
-  Image<std::uint16_t> draw(const Displacement& moved, const Brightness& brightness,
-                            std::uint64_t number, double level = 0.0) const {
-    RandomStream random(kSeed, number);
-    Image<double> light(format.rows, format.cols);
-    for (int r = 0; r < kCount; ++r) {
-      for (int c = 0; c < kCount; ++c) {
-        const auto [dx, dy] = moved(r, c);
-        add_spot(light, static_cast<double>(sensor.ref_x_px(r, c)) + dx,
-                 static_cast<double>(sensor.ref_y_px(r, c)) + dy, brightness(r, c) * kElectrons);
-      }
-    }
-    Image<std::uint16_t> counts(format.rows, format.cols);
-    for (std::size_t i = 0; i < counts.size(); ++i) {
-      const double noise = std::sqrt(light[i] + kReadNoise * kReadNoise) * random.gaussian();
-      counts[i] =
-          static_cast<std::uint16_t>(std::max(0.0, std::round(kBias + level + light[i] + noise)));
-    }
-    return counts;
-  }
-
-  void add_spot(Image<double>& light, double x, double y, double electrons) const {
-    const auto part = [this](int pixel, double centre) {
-      const double scale = sigma_px * std::numbers::sqrt2;
-      return 0.5 *
-             (std::erf((pixel + 0.5 - centre) / scale) - std::erf((pixel - 0.5 - centre) / scale));
-    };
-    const int reach = 10;
-    const int x0 = static_cast<int>(std::lround(x)), y0 = static_cast<int>(std::lround(y));
-    for (int row = std::max(y0 - reach, 0); row <= std::min(y0 + reach, light.rows() - 1); ++row)
-      for (int col = std::max(x0 - reach, 0); col <= std::min(x0 + reach, light.cols() - 1); ++col)
-        light(row, col) += electrons * part(row, y) * part(col, x);
-  }
-
-  double sigma_px;
-  Sensor sensor;
-  FrameFormat format;
-};
-
-/// Follows the frames of one scene.
-struct Following {
-  explicit Following(const Scene& of)
-      : scene(of),
-        plan(scene.sensor, scene.format),
-        level_plan(scene.sensor, plan, {}),
-        sharp_plan(scene.sensor, scene.format),
-        follower(scene.sensor, plan, level_plan, {}),
-        levels(level_plan),
-        sharp(kCount, kCount),
-        centroids(kCount, kCount) {}
-
-  FollowState see(const Displacement& moved, const Brightness& brightness = all_lit,
-                  double level = 0.0) {
-    counts = scene.draw(moved, brightness, ++frames, level);
-    return measure();
-  }
-  FollowState measure() {
-    const FrameView view{.pixels = reinterpret_cast<const std::byte*>(counts.data()),
-                         .rows = counts.rows(),
-                         .cols = counts.cols(),
-                         .pixel_type = PixelType::kU16};
-    return follower.measure(plan, level_plan, sharp_plan, view, levels, sharp, centroids);
-  }
-
-  /// The largest mean error along an axis, px, and how many spots are more than .5 px off.
-  struct Errors {
-    double mean_px = 0.0;
-    int wrong = 0;
-  };
-  Errors errors(const Displacement& moved) const {
-    Errors errors;
-    double x = 0.0, y = 0.0;
-    for (int r = 0; r < kCount; ++r) {
-      for (int c = 0; c < kCount; ++c) {
-        if (centroids.state(r, c) != LensletState::kValid) continue;
-        const auto [dx, dy] = moved(r, c);
-        const double ex = static_cast<double>(centroids.x_px(r, c) - scene.sensor.ref_x_px(r, c));
-        const double ey = static_cast<double>(centroids.y_px(r, c) - scene.sensor.ref_y_px(r, c));
-        x += ex - dx;
-        y += ey - dy;
-        errors.wrong += std::hypot(ex - dx, ey - dy) > 0.5 ? 1 : 0;
-      }
-    }
-    if (centroids.n_valid > 0)
-      errors.mean_px = std::max(std::abs(x), std::abs(y)) / centroids.n_valid;
-    return errors;
-  }
-
-  const Scene& scene;
-  CentroidPlan plan;
-  LevelPlan level_plan;
-  SharpPixelPlan sharp_plan;
-  WindowFollower follower;
-  FrameLevels levels;
-  SharpPixels sharp;
-  Centroids centroids;
-  Image<std::uint16_t> counts;
-  std::uint64_t frames = 0;
-};
-
 TEST(WindowFollower, LeavesWindowsWhereSpotsHaveNotMoved) {
-  const Scene scene;
+  const SpotScene scene;
   Following following(scene);
   for (const double shift : {0.0, 0.03, -0.05}) {
     EXPECT_EQ(following.see(tilt(shift, -shift)), FollowState::kSettled);
@@ -190,7 +29,7 @@ TEST(WindowFollower, LeavesWindowsWhereSpotsHaveNotMoved) {
 }
 
 TEST(WindowFollower, FindsSpotsAnywhereInASingleFrameOrSaysThatTheyAreLost) {
-  const Scene scene;
+  const SpotScene scene;
   int lost = 0;
   for (double x = -1.9; x < 2.0; x += 0.35) {
     for (const double y : {0.0, 0.27, -0.5, 1.1}) {
@@ -218,7 +57,7 @@ TEST(WindowFollower, FindsGridsThatAreWiderNarrowerTurnedAndBent) {
   for (const Bend& bend : {Bend{"wider", 0.07, 0.0, 0.0}, Bend{"narrower", -0.08, 0.0, 0.0},
                            Bend{"turned", 0.0, 0.05, 0.0}, Bend{"both", 0.05, -0.03, 0.0},
                            Bend{"coma", 0.03, 0.0, 0.008}}) {
-    const Scene scene;
+    const SpotScene scene;
     Following following(scene);
     const Displacement moved = [&](int row, int col) {
       const double u = col - 7.5, v = row - 7.5;
@@ -235,7 +74,7 @@ TEST(WindowFollower, FindsGridsThatAreWiderNarrowerTurnedAndBent) {
 
 TEST(WindowFollower, FindsSpotsOfTurnedSensors) {
   for (const double degrees : {-20.0, 30.0, 45.0}) {
-    const Scene scene(degrees);
+    const SpotScene scene(degrees);
     Following following(scene);
     EXPECT_NE(following.see(tilt(0.6, -0.3)), FollowState::kLost) << degrees;
     EXPECT_EQ(following.errors(tilt(0.6, -0.3)).wrong, 0) << degrees;
@@ -244,7 +83,7 @@ TEST(WindowFollower, FindsSpotsOfTurnedSensors) {
 }
 
 TEST(WindowFollower, FollowsADriftOfAPitchInAHundredFrames) {
-  const Scene scene;
+  const SpotScene scene;
   Following following(scene);
   for (int k = 0; k <= 100; ++k) {
     const Displacement moved = tilt(0.01 * k, -0.006 * k);
@@ -258,13 +97,14 @@ TEST(WindowFollower, FollowsADriftOfAPitchInAHundredFrames) {
 bool same(const FollowerMemory& a, const FollowerMemory& b) {
   return a.frames == b.frames && a.started == b.started && a.model.x == b.model.x &&
          a.model.y == b.model.y && a.level.noise == b.level.noise &&
-         a.level.bound == b.level.bound && std::equal(a.seen.begin(), a.seen.end(), b.seen.begin());
+         a.level.bound == b.level.bound && a.level.floor == b.level.floor &&
+         std::equal(a.seen.begin(), a.seen.end(), b.seen.begin());
 }
 
 // Two followers, of which one comes later, know the same after a few settlings; and one that
 // recalls what another knew goes on as that does.
 TEST(WindowFollower, ForgetsHowTheWindowsCameWhereTheyAre) {
-  const Scene scene;
+  const SpotScene scene;
   Following early(scene);
   Following late(scene);
   Following recalling(scene);
@@ -299,7 +139,7 @@ TEST(WindowFollower, ForgetsHowTheWindowsCameWhereTheyAre) {
 TEST(WindowFollower, AStepIsFoundByWhichLensletsWereLit) {
   for (const Place step : {Place{0.8, 0.0}, Place{1.0, 0.0}, Place{-1.0, 1.0}, Place{0.0, -1.6}}) {
     for (const bool at_rim : {false, true}) {
-      const Scene scene;
+      const SpotScene scene;
       Following following(scene);
       const Brightness beam = at_rim ? all_lit : round_beam;
       for (int k = 0; k < 5; ++k) following.see(tilt(0.0, 0.0), beam);
@@ -316,7 +156,7 @@ TEST(WindowFollower, AStepIsFoundByWhichLensletsWereLit) {
 
 TEST(WindowFollower, HalfAPitchOfABeamWithoutARimIsNotDecided) {
   // The beam is wider than the array: its spots lie beyond the array as well.
-  const Scene scene;
+  const SpotScene scene;
   Following following(scene);
   const auto see = [&](double pitches) {
     Image<double> light(scene.format.rows, scene.format.cols);
@@ -325,7 +165,7 @@ TEST(WindowFollower, HalfAPitchOfABeamWithoutARimIsNotDecided) {
         const auto [x, y] = scene.sensor.grid.pixel_from_lenslet(c + pitches, r);
         scene.add_spot(light, x, y, kElectrons);
       }
-    RandomStream random(kSeed, ++following.frames);
+    RandomStream random(kSceneSeed, ++following.frames);
     following.counts = Image<std::uint16_t>(light.rows(), light.cols());
     for (std::size_t i = 0; i < light.size(); ++i)
       following.counts[i] =
@@ -339,7 +179,7 @@ TEST(WindowFollower, HalfAPitchOfABeamWithoutARimIsNotDecided) {
 }
 
 TEST(WindowFollower, SaysThatThereIsNoLightAndGoesOnWhereItWas) {
-  const Scene scene;
+  const SpotScene scene;
   Following following(scene);
   following.see(tilt(0.0, 0.0), round_beam);
   for (int k = 0; k < 3; ++k) {
@@ -353,24 +193,24 @@ TEST(WindowFollower, SaysThatThereIsNoLightAndGoesOnWhereItWas) {
 }
 
 TEST(WindowFollower, LightWithoutALatticeIsNoSpot) {
-  const Scene scene;
+  const SpotScene scene;
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
     Following following(scene);
-    RandomStream random(kSeed + seed, 7);
+    RandomStream random(kSceneSeed + seed, 7);
     std::vector<Place> places;
     for (int k = 0; k < kCount * kCount; ++k)
       places.push_back({kPitch * (random.uniform() - 0.5), kPitch * (random.uniform() - 0.5)});
     const Displacement anywhere = [&](int r, int c) { return places[as_size(r * kCount + c)]; };
-    EXPECT_EQ(following.see(anywhere), FollowState::kLost) << "seed " << kSeed + seed;
-    EXPECT_EQ(following.centroids.n_valid, 0) << "seed " << kSeed + seed;
+    EXPECT_EQ(following.see(anywhere), FollowState::kLost) << "seed " << kSceneSeed + seed;
+    EXPECT_EQ(following.centroids.n_valid, 0) << "seed " << kSceneSeed + seed;
   }
 }
 
 TEST(WindowFollower, StrayLightBesideTheBeamIsNoSpot) {
-  const Scene scene;
+  const SpotScene scene;
   for (std::uint64_t seed = 0; seed < 5; ++seed) {
     Following following(scene);
-    RandomStream random(kSeed + seed, 8);
+    RandomStream random(kSceneSeed + seed, 8);
     std::vector<Place> places;
     std::vector<double> light;
     for (int k = 0; k < kCount * kCount; ++k) {
@@ -391,9 +231,9 @@ TEST(WindowFollower, StrayLightBesideTheBeamIsNoSpot) {
         evidence += !in_beam(r, c) && following.centroids.state(r, c) != LensletState::kLost;
       }
     }
-    EXPECT_GE(beam, 84) << "of 88, seed " << kSeed + seed;
-    EXPECT_LE(stray, 2) << "of 168, seed " << kSeed + seed;
-    EXPECT_LE(evidence, 20) << "seed " << kSeed + seed;
+    EXPECT_GE(beam, 84) << "of 88, seed " << kSceneSeed + seed;
+    EXPECT_LE(stray, 2) << "of 168, seed " << kSceneSeed + seed;
+    EXPECT_LE(evidence, 20) << "seed " << kSceneSeed + seed;
   }
 }
 
@@ -401,7 +241,7 @@ TEST(WindowFollower, StrayLightBesideTheBeamIsNoSpot) {
 // see must not change when these move, for it would change the spots' light above the level.
 TEST(WindowFollower, TheLevelStaysWhereWideSpotsMoveByLessThanAPixel) {
   constexpr double kClose_px = 5.3;
-  Scene scene(0.0, kClose_px, 1.2);
+  SpotScene scene(0.0, kClose_px, 1.2);
   scene.sensor.spot_sigma_px = 1.0;
   const auto mean_level = [&](double dx, double dy) {
     Following following(scene);
@@ -419,7 +259,7 @@ TEST(WindowFollower, TheLevelStaysWhereWideSpotsMoveByLessThanAPixel) {
 
 // Six hot pixels side by side outshine a spot, and no pixel of them is sharp.
 TEST(WindowFollower, AClumpOfHotPixelsIsNoSpot) {
-  Scene scene;
+  SpotScene scene;
   scene.sensor.spot_sigma_px = kSigma;
   Following following(scene);
   following.see(tilt(0.0, 0.0));
@@ -438,7 +278,7 @@ TEST(WindowFollower, AClumpOfHotPixelsIsNoSpot) {
 }
 
 TEST(WindowFollower, TheLevelIsFoundWhereSpotsLieOnItsCorners) {
-  const Scene scene;
+  const SpotScene scene;
   Following following(scene);
   const Displacement moved = tilt(0.5, 0.48);
   EXPECT_NE(following.see(moved, all_lit, 40.0), FollowState::kLost);
