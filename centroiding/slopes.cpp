@@ -361,6 +361,17 @@ SlopePlan::SlopePlan(const Sensor& sensor)
     inverse_gain_x[k] = 1.0F / sensor.gain_x[k];
     inverse_gain_y[k] = 1.0F / sensor.gain_y[k];
   }
+  set_variances(sensor);
+  gain_error_x = gain_error(inverse_gain_x, bend2_x, bend3_x, off_x_px, reach_px, sensor.valid);
+  gain_error_y = gain_error(inverse_gain_y, bend2_y, bend3_y, off_y_px, reach_px, sensor.valid);
+  if (sampling.empty()) return;
+  // The sampling curve is all that keeps small spots' centres of gravity from where they lie.
+  is_bent = false;
+  for (Image<float>* gain : {&inverse_gain_x, &inverse_gain_y})
+    for (float& value : *gain) value = value != 0.0F ? 1.0F : 0.0F;
+}
+
+void SlopePlan::set_variances(const Sensor& sensor) {
   window_variance = Image<float>(sensor.valid.rows(), sensor.valid.cols());
   const double rad_per_px = sensor.optics.slope_rad_per_px();
   const double spot_sigma_px = kSpotSigma * 2.0 * std::numbers::pi / rad_per_px;
@@ -374,13 +385,6 @@ SlopePlan::SlopePlan(const Sensor& sensor)
     const double side_rad = rad_per_px * std::max(sensor.window[k].w, sensor.window[k].h);
     window_variance[k] = static_cast<float>(side_rad * side_rad / 12.0);
   }
-  gain_error_x = gain_error(inverse_gain_x, bend2_x, bend3_x, off_x_px, reach_px, sensor.valid);
-  gain_error_y = gain_error(inverse_gain_y, bend2_y, bend3_y, off_y_px, reach_px, sensor.valid);
-  if (sampling.empty()) return;
-  // The sampling curve is all that keeps small spots' centres of gravity from where they lie.
-  is_bent = false;
-  for (Image<float>* gain : {&inverse_gain_x, &inverse_gain_y})
-    for (float& value : *gain) value = value != 0.0F ? 1.0F : 0.0F;
 }
 
 namespace {

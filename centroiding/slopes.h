@@ -55,6 +55,9 @@ struct SlopePlan {
   float m12 = 0;
   float m21 = 0;
   float m22 = 0;
+
+ private:
+  void set_variances(const Sensor& sensor);
 };
 
 /// Computes the slopes s = w·G (rad per pitch, along column and row axis) and their noise from the
