@@ -40,9 +40,9 @@ inline double round_beam(int row, int col) {
 }
 
 /// A sensor that was calibrated without any error, and frames of it.
-struct SpotScene {
-  explicit SpotScene(double rotation_deg = 0.0, double pitch_px = kPitch,
-                     double spot_sigma_px = kSigma)
+struct FollowedScene {
+  explicit FollowedScene(double rotation_deg = 0.0, double pitch_px = kPitch,
+                         double spot_sigma_px = kSigma)
       : sigma_px(spot_sigma_px) {
     const double a = rotation_deg * std::numbers::pi / 180.0;
     const double side = kCount * pitch_px * (std::abs(std::cos(a)) + std::abs(std::sin(a)));
@@ -118,7 +118,7 @@ struct SpotScene {
 
 /// Follows the frames of one scene.
 struct Following {
-  explicit Following(const SpotScene& of, const CentroidOptions& options = {})
+  explicit Following(const FollowedScene& of, const CentroidOptions& options = {})
       : scene(of),
         plan(scene.sensor, scene.format, options),
         level_plan(scene.sensor, plan, options),
@@ -171,7 +171,7 @@ struct Following {
     return errors;
   }
 
-  const SpotScene& scene;
+  const FollowedScene& scene;
   CentroidPlan plan;
   LevelPlan level_plan;
   SharpPixelPlan sharp_plan;

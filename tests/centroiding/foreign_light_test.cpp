@@ -22,8 +22,8 @@ using Counts = Image<std::uint16_t>;
 using Harm = std::function<void(Counts&)>;
 
 /// The sensor's spots are at ...5 px, between four pixels.
-SpotScene scene_of_known_spots() {
-  SpotScene scene;
+FollowedScene scene_of_known_spots() {
+  FollowedScene scene;
   scene.sensor.spot_sigma_px = kSigma;
   return scene;
 }
@@ -55,7 +55,7 @@ struct Outcome {
 };
 
 /// Photon and read noise move a spot by .035 px along an axis.
-Outcome outcome_of(const SpotScene& scene, const Harm& harm) {
+Outcome outcome_of(const FollowedScene& scene, const Harm& harm) {
   constexpr double kWrong_px = 0.25;
   Following following(scene);
   following.counts = scene.draw(tilt(0.0, 0.0), all_lit, 1);
@@ -79,14 +79,14 @@ constexpr int kAll = kCount * kCount;
 constexpr int kSpot = 131;  // A spot is at 131.5 px along either axis.
 
 TEST(ForeignLight, ASensorWithoutAnyKeepsAllOfItsLenslets) {
-  const SpotScene scene = scene_of_known_spots();
+  const FollowedScene scene = scene_of_known_spots();
   const Outcome outcome = outcome_of(scene, [](Counts&) {});
   EXPECT_EQ(outcome.valid, kAll);
   EXPECT_EQ(outcome.wrong, 0);
 }
 
 TEST(ForeignLight, LinesThatDiedOrShineTakeOutTheLensletsThatTheyCross) {
-  const SpotScene scene = scene_of_known_spots();
+  const FollowedScene scene = scene_of_known_spots();
   const auto dead = [](std::uint16_t) { return std::uint16_t{0}; };
   const auto dim = [](std::uint16_t) { return std::uint16_t{60}; };
   const auto bright = [](std::uint16_t count) { return raised(count, 50.0); };
@@ -106,7 +106,7 @@ TEST(ForeignLight, LinesThatDiedOrShineTakeOutTheLensletsThatTheyCross) {
 
 // Half of a column is dead where the transfer of charge is stuck; few lenslets lose little of it.
 TEST(ForeignLight, ManyDeadColumnsLeaveNoWrongSlope) {
-  const SpotScene scene = scene_of_known_spots();
+  const FollowedScene scene = scene_of_known_spots();
   const Outcome outcome = outcome_of(scene, [](Counts& counts) {
     for (int x = 40; x < 200; x += 7)
       for (int y = 0; y < counts.rows() / 2; ++y) counts(y, x) = 0;
@@ -116,7 +116,7 @@ TEST(ForeignLight, ManyDeadColumnsLeaveNoWrongSlope) {
 }
 
 TEST(ForeignLight, NeighboursStandInForASingleDeadPixel) {
-  const SpotScene scene = scene_of_known_spots();
+  const FollowedScene scene = scene_of_known_spots();
   const Outcome outcome = outcome_of(scene, [](Counts& counts) {
     for (int i = 2; i < 14; ++i) counts(35 + 12 * i, 34 + 12 * i) = 0;
   });
@@ -125,7 +125,7 @@ TEST(ForeignLight, NeighboursStandInForASingleDeadPixel) {
 }
 
 TEST(ForeignLight, ClumpsOfHotPixelsTakeOutTheirLenslets) {
-  const SpotScene scene = scene_of_known_spots();
+  const FollowedScene scene = scene_of_known_spots();
   for (const auto& [rows, cols] : {std::pair{2, 2}, std::pair{3, 2}, std::pair{3, 3}}) {
     for (const double electrons : {100.0, 400.0, 5000.0}) {
       const Outcome outcome = outcome_of(scene, [rows = rows, cols = cols, electrons](Counts& c) {
@@ -144,7 +144,7 @@ TEST(ForeignLight, ClumpsOfHotPixelsTakeOutTheirLenslets) {
 }
 
 TEST(ForeignLight, GhostsTakeOutTheLensletsThatTheyPull) {
-  const SpotScene scene = scene_of_known_spots();
+  const FollowedScene scene = scene_of_known_spots();
   const auto blob = [](double x, double y) {
     return 70.0 * std::exp(-((x - 104.0) * (x - 104.0) + (y - 134.0) * (y - 134.0)) / 72.0);
   };
@@ -169,14 +169,14 @@ TEST(ForeignLight, GhostsTakeOutTheLensletsThatTheyPull) {
 
 // Light that lies evenly, or rises evenly over the frame, pulls little.
 TEST(ForeignLight, AnEvenSkyIsNone) {
-  const SpotScene scene = scene_of_known_spots();
+  const FollowedScene scene = scene_of_known_spots();
   EXPECT_EQ(outcome_of(scene, light([](double, double) { return 40.0; })).valid, kAll);
   EXPECT_EQ(outcome_of(scene, light([](double x, double) { return 0.2 * x; })).valid, kAll);
 }
 
 // Rows that are measured while they arrive give the same bits.
 TEST(ForeignLight, IsTheSameInAFrameThatArrivesRowByRow) {
-  const SpotScene scene = scene_of_known_spots();
+  const FollowedScene scene = scene_of_known_spots();
   CentroidOptions options;
   options.measure_ahead = true;
   Following whole(scene, options), arriving(scene, options);

@@ -17,7 +17,7 @@ namespace curlew {
 namespace {
 
 TEST(WindowFollower, LeavesWindowsWhereSpotsHaveNotMoved) {
-  const SpotScene scene;
+  const FollowedScene scene;
   Following following(scene);
   for (const double shift : {0.0, 0.03, -0.05}) {
     EXPECT_EQ(following.see(tilt(shift, -shift)), FollowState::kSettled);
@@ -29,7 +29,7 @@ TEST(WindowFollower, LeavesWindowsWhereSpotsHaveNotMoved) {
 }
 
 TEST(WindowFollower, FindsSpotsAnywhereInASingleFrameOrSaysThatTheyAreLost) {
-  const SpotScene scene;
+  const FollowedScene scene;
   int lost = 0;
   for (double x = -1.9; x < 2.0; x += 0.35) {
     for (const double y : {0.0, 0.27, -0.5, 1.1}) {
@@ -57,7 +57,7 @@ TEST(WindowFollower, FindsGridsThatAreWiderNarrowerTurnedAndBent) {
   for (const Bend& bend : {Bend{"wider", 0.07, 0.0, 0.0}, Bend{"narrower", -0.08, 0.0, 0.0},
                            Bend{"turned", 0.0, 0.05, 0.0}, Bend{"both", 0.05, -0.03, 0.0},
                            Bend{"coma", 0.03, 0.0, 0.008}}) {
-    const SpotScene scene;
+    const FollowedScene scene;
     Following following(scene);
     const Displacement moved = [&](int row, int col) {
       const double u = col - 7.5, v = row - 7.5;
@@ -74,7 +74,7 @@ TEST(WindowFollower, FindsGridsThatAreWiderNarrowerTurnedAndBent) {
 
 TEST(WindowFollower, FindsSpotsOfTurnedSensors) {
   for (const double degrees : {-20.0, 30.0, 45.0}) {
-    const SpotScene scene(degrees);
+    const FollowedScene scene(degrees);
     Following following(scene);
     EXPECT_NE(following.see(tilt(0.6, -0.3)), FollowState::kLost) << degrees;
     EXPECT_EQ(following.errors(tilt(0.6, -0.3)).wrong, 0) << degrees;
@@ -83,7 +83,7 @@ TEST(WindowFollower, FindsSpotsOfTurnedSensors) {
 }
 
 TEST(WindowFollower, FollowsADriftOfAPitchInAHundredFrames) {
-  const SpotScene scene;
+  const FollowedScene scene;
   Following following(scene);
   for (int k = 0; k <= 100; ++k) {
     const Displacement moved = tilt(0.01 * k, -0.006 * k);
@@ -104,7 +104,7 @@ bool same(const FollowerMemory& a, const FollowerMemory& b) {
 // Two followers, of which one comes later, know the same after a few settlings; and one that
 // recalls what another knew goes on as that does.
 TEST(WindowFollower, ForgetsHowTheWindowsCameWhereTheyAre) {
-  const SpotScene scene;
+  const FollowedScene scene;
   Following early(scene);
   Following late(scene);
   Following recalling(scene);
@@ -139,7 +139,7 @@ TEST(WindowFollower, ForgetsHowTheWindowsCameWhereTheyAre) {
 TEST(WindowFollower, AStepIsFoundByWhichLensletsWereLit) {
   for (const Place step : {Place{0.8, 0.0}, Place{1.0, 0.0}, Place{-1.0, 1.0}, Place{0.0, -1.6}}) {
     for (const bool at_rim : {false, true}) {
-      const SpotScene scene;
+      const FollowedScene scene;
       Following following(scene);
       const Brightness beam = at_rim ? all_lit : round_beam;
       for (int k = 0; k < 5; ++k) following.see(tilt(0.0, 0.0), beam);
@@ -156,7 +156,7 @@ TEST(WindowFollower, AStepIsFoundByWhichLensletsWereLit) {
 
 TEST(WindowFollower, HalfAPitchOfABeamWithoutARimIsNotDecided) {
   // The beam is wider than the array: its spots lie beyond the array as well.
-  const SpotScene scene;
+  const FollowedScene scene;
   Following following(scene);
   const auto see = [&](double pitches) {
     Image<double> light(scene.format.rows, scene.format.cols);
@@ -179,7 +179,7 @@ TEST(WindowFollower, HalfAPitchOfABeamWithoutARimIsNotDecided) {
 }
 
 TEST(WindowFollower, SaysThatThereIsNoLightAndGoesOnWhereItWas) {
-  const SpotScene scene;
+  const FollowedScene scene;
   Following following(scene);
   following.see(tilt(0.0, 0.0), round_beam);
   for (int k = 0; k < 3; ++k) {
@@ -193,7 +193,7 @@ TEST(WindowFollower, SaysThatThereIsNoLightAndGoesOnWhereItWas) {
 }
 
 TEST(WindowFollower, LightWithoutALatticeIsNoSpot) {
-  const SpotScene scene;
+  const FollowedScene scene;
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
     Following following(scene);
     RandomStream random(kSceneSeed + seed, 7);
@@ -207,7 +207,7 @@ TEST(WindowFollower, LightWithoutALatticeIsNoSpot) {
 }
 
 TEST(WindowFollower, StrayLightBesideTheBeamIsNoSpot) {
-  const SpotScene scene;
+  const FollowedScene scene;
   for (std::uint64_t seed = 0; seed < 5; ++seed) {
     Following following(scene);
     RandomStream random(kSceneSeed + seed, 8);
@@ -241,7 +241,7 @@ TEST(WindowFollower, StrayLightBesideTheBeamIsNoSpot) {
 // see must not change when these move, for it would change the spots' light above the level.
 TEST(WindowFollower, TheLevelStaysWhereWideSpotsMoveByLessThanAPixel) {
   constexpr double kClose_px = 5.3;
-  SpotScene scene(0.0, kClose_px, 1.2);
+  FollowedScene scene(0.0, kClose_px, 1.2);
   scene.sensor.spot_sigma_px = 1.0;
   const auto mean_level = [&](double dx, double dy) {
     Following following(scene);
@@ -259,7 +259,7 @@ TEST(WindowFollower, TheLevelStaysWhereWideSpotsMoveByLessThanAPixel) {
 
 // Six hot pixels side by side outshine a spot, and no pixel of them is sharp.
 TEST(WindowFollower, AClumpOfHotPixelsIsNoSpot) {
-  SpotScene scene;
+  FollowedScene scene;
   scene.sensor.spot_sigma_px = kSigma;
   Following following(scene);
   following.see(tilt(0.0, 0.0));
@@ -278,7 +278,7 @@ TEST(WindowFollower, AClumpOfHotPixelsIsNoSpot) {
 }
 
 TEST(WindowFollower, TheLevelIsFoundWhereSpotsLieOnItsCorners) {
-  const SpotScene scene;
+  const FollowedScene scene;
   Following following(scene);
   const Displacement moved = tilt(0.5, 0.48);
   EXPECT_NE(following.see(moved, all_lit, 40.0), FollowState::kLost);
