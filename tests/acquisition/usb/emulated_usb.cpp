@@ -23,7 +23,7 @@ extern "C" const char* __asan_default_options() { return "verify_asan_link_order
 #if defined(__SANITIZE_THREAD__)
 extern "C" const char* __tsan_default_suppressions() {
   return "race:libumockdev\nrace:libudev.so\nrace:g_rec_mutex_clear\n"
-         "race:libusb_free_transfer\n";
+         "race:libusb_free_transfer\nrace:libglib-2.0.so\n";
 }
 #endif
 
