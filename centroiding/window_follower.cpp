@@ -114,8 +114,8 @@ void WindowFollower::place_window(const CentroidPlan& plan, std::size_t k, int d
     spot.state = has_bad_window(spot) ? LensletState::kBadPixels : LensletState::kValid;
 }
 
-/// Moves the windows by whole pixels, so that the spots, displaced as the model says, lie within
-/// half a pixel of their middles.
+/// Moves the windows by the model's displacements, in whole pixels; where gains are bent, so that
+/// the spots lie within half a pixel of the windows' middles.
 void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& level_plan,
                                    const LowOrders& model) noexcept {
   model_ = model;
