@@ -62,6 +62,18 @@ void mark_broken(SharpPixels& sharp, std::size_t k) noexcept {
   sharp.any_broken = true;
 }
 
+/// Marks the lenslets that reach below the last candidate of a full list, where not all pixels were
+/// looked at.
+void mark_unsearched(const FixedList<SharpPixel>& candidates,
+                     const Image<CentroidPlan::Spot>& windows, SharpPixels& sharp) noexcept {
+  if (candidates.size() < candidates.capacity()) return;
+  const int last = candidates[candidates.size() - 1].y;
+  for (std::size_t k = 0; k < windows.size(); ++k) {
+    const CentroidPlan::Spot& spot = windows[k];
+    if (spot.state != LensletState::kUnlit && spot.y0 + spot.h > last) mark_broken(sharp, k);
+  }
+}
+
 void forget_lenslets(SharpPixels& sharp) noexcept {
   sharp.pixels.clear();
   sharp.first.fill(-1);
@@ -159,6 +171,8 @@ int find_sharp_pixels_rows(const SharpPixelPlan& plan, const CentroidPlan& centr
     looked_at = std::min(looked_at, sharp.clump_rows);
   }
   if (ready == frame.rows) looked_at = ready;
+  mark_unsearched(sharp.candidates, windows, sharp);
+  mark_unsearched(sharp.clump_candidates, windows, sharp);
 
   const auto look_at_each = [&](const FixedList<SharpPixel>& candidates, std::size_t& assigned,
                                 const auto& look) {
@@ -180,7 +194,10 @@ int find_sharp_pixels_rows(const SharpPixelPlan& plan, const CentroidPlan& centr
                  if (fault == PixelFault::kWide) mark_broken(sharp, k);
                  if (fault != PixelFault::kSingle) return;
                  const auto index = static_cast<std::int32_t>(sharp.pixels.size());
-                 if (sharp.pixels.push({at.x, at.y, sharp.first[k]})) sharp.first[k] = index;
+                 if (sharp.pixels.push({at.x, at.y, sharp.first[k]}))
+                   sharp.first[k] = index;
+                 else
+                   mark_broken(sharp, k);
                });
   look_at_each(sharp.clump_candidates, sharp.clumps_assigned,
                [&](const SharpPixel& at, std::size_t k, const PixelFaults& faults) {

@@ -74,8 +74,8 @@ float count_instead(const Pixel* pixels, int cols, const SharpPixel& sharp) noex
 }
 
 /// Finds the pixels of one frame's windows, which are [rows, cols] of lenslets, that are no light;
-/// PixelFaults says which these are. Never allocates; what does not fit into the list stays, and is
-/// counted there.
+/// PixelFaults says which these are. Never allocates. Where there are more than the lists hold, the
+/// lenslets whose pixels do not fit are `broken`.
 void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
                        const Image<CentroidPlan::Spot>& windows, FrameView frame,
                        const FrameLevels& levels, SharpPixels& sharp) noexcept;

@@ -113,6 +113,55 @@ TEST(SharpPixels, HitLensletsAreWhereTheyWouldBeWithoutTheHit) {
   }
 }
 
+// The lists hold 4 pixels a lenslet that are replaced, and 16 that are looked at.
+TEST(SharpPixels, WhereMorePixelsAreHotThanTheListsHoldLensletsAreMissing) {
+  const BenchFrame clean = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
+  const Measured before(clean);
+  for (const int apart : {4, 2}) {
+    BenchFrame hot = clean;
+    for (int y = 1; y < hot.pixels.rows() - 1; y += 3)
+      for (int x = 1; x < hot.pixels.cols() - 1; x += apart)
+        hot.pixels(y, x) = static_cast<std::uint16_t>(hot.pixels(y, x) + 20000);
+    const Measured after(hot);
+    ASSERT_EQ(apart == 2, after.sharp.candidates.overflow() > 0);
+    ASSERT_EQ(after.sharp.pixels.size(), after.sharp.pixels.capacity());
+    int replaced = 0, missing = 0;
+    for (std::size_t k = 0; k < after.centroids.state.size(); ++k) {
+      if (after.centroids.state[k] != LensletState::kValid) {
+        EXPECT_EQ(after.centroids.state[k], LensletState::kBadPixels) << k;
+        ++missing;
+        continue;
+      }
+      ++replaced;
+      const auto off =
+          static_cast<double>(std::hypot(after.centroids.x_px[k] - before.centroids.x_px[k],
+                                         after.centroids.y_px[k] - before.centroids.y_px[k]));
+      EXPECT_LT(off, 0.3) << k << ", hot pixels " << apart << " apart";
+    }
+    EXPECT_GT(replaced, 20);
+    EXPECT_GT(missing, 150);
+  }
+}
+
+// A frame that arrives by and by has the same lenslets missing, before its last row is there.
+TEST(SharpPixels, AFullListIsTheSameInAFrameThatIsStillArriving) {
+  BenchFrame hot = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
+  for (int y = 1; y < hot.pixels.rows() - 1; y += 3)
+    for (int x = 1; x < hot.pixels.cols() - 1; x += 2)
+      hot.pixels(y, x) = static_cast<std::uint16_t>(hot.pixels(y, x) + 20000);
+  const Measured whole(hot);
+  Measured parts(hot);
+  begin_sharp_pixels(parts.sharp);
+  Image<std::uint8_t> broken(kCase.rows, kCase.cols);
+  for (int ready = 5, row = 0; row < kCase.rows; ready = std::min(ready + 7, hot.pixels.rows())) {
+    const int looked_at = find_sharp_pixels_rows(parts.sharp_plan, parts.plan, parts.plan.spots,
+                                                 hot.view(), ready, parts.levels, parts.sharp);
+    for (; row < kCase.rows && parts.plan.frame_rows_needed(row) <= looked_at; ++row)
+      for (int c = 0; c < kCase.cols; ++c) broken(row, c) = parts.sharp.broken(row, c);
+  }
+  for (std::size_t k = 0; k < broken.size(); ++k) EXPECT_EQ(broken[k], whole.sharp.broken[k]) << k;
+}
+
 TEST(SharpPixels, AHitInADarkWindowIsNoSpot) {
   BenchFrame frame = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
   for (std::uint16_t& count : frame.pixels) count = 100;
