@@ -2,7 +2,6 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
@@ -10,7 +9,6 @@
 
 #include "acquisition/fits/partial_path.h"
 #include "acquisition/recording/fits_source.h"
-#include "centroiding/calibration/frame_noise.h"
 #include "core/error.h"
 #include "service/air/air_table.h"
 #include "service/commands/air_flags.h"
@@ -33,7 +31,7 @@
 #include "service/results/track_summary.h"
 #include "service/results/truth_match.h"
 #include "service/results/vortex_printer.h"
-#include "service/sensor/optics_comparison.h"
+#include "service/sensor/contradictions.h"
 #include "service/sensor/sensor_file.h"
 #include "service/shards/shard_choice.h"
 #include "service/shards/shard_worker.h"
@@ -64,50 +62,6 @@ struct ReplayOptions {
 
 FrameSelection selection_of(const ReplayOptions& options) {
   return {.hdu = options.hdu, .region = parse_region(options.region)};
-}
-
-/// Returns sentences on what the sensor file says differently about detector and optics than the
-/// frames do. They matter because thresholds and significances follow the sensor file.
-std::vector<std::string> contradictions(const Sensor& sensor, const FitsSource& source,
-                                        const ReplayOptions& options) {
-  const std::string& recording = options.recordings.front();
-  constexpr double kMuchNoisier = 1.5;
-  std::vector<std::string> notes;
-  const double e_per_adu = source.detector().e_per_adu;
-  if (std::abs(e_per_adu - sensor.detector.e_per_adu) > 0.01 * e_per_adu)
-    notes.push_back(
-        fmt::format("{} has {:.4g} e- per ADU, the sensor file {:.4g}: if the sensor "
-                    "file is wrong, calibrate again with --e-per-adu",
-                    recording, e_per_adu, sensor.detector.e_per_adu));
-  const int bits = source.detector().bit_depth;
-  if (bits != 0 && sensor.detector.bit_depth != 0 && bits != sensor.detector.bit_depth)
-    notes.push_back(fmt::format(
-        "{} has {} bits, the sensor file {}: levels and saturation are those of the sensor file, "
-        "so calibrate with frames of the same pixel format",
-        recording, bits, sensor.detector.bit_depth));
-  const std::string differing = differing_optics(source.optics(), sensor.optics);
-  if (!differing.empty())
-    notes.push_back(
-        fmt::format("{} was taken with other optics than the sensor file says ({}): slopes are "
-                    "those of the sensor file",
-                    recording, differing));
-  FitsSource first({recording}, selection_of(options));
-  FrameBuffer frame(first.format());
-  if (first.next(frame) != Delivery::kFrame) return notes;
-  const FrameNoise seen = estimate_frame_noise(sensor, first.format(), frame.view());
-  // It adds photon noise, and its gradients add differences between pixels.
-  const double light = std::max(seen.light_adu, 0.0);
-  const double read_noise = sensor.detector.read_noise_e / sensor.detector.e_per_adu;
-  const double known =
-      std::sqrt(read_noise * read_noise + light / sensor.detector.e_per_adu + light * light +
-                first.format().scale_adu * first.format().scale_adu / 12.0);
-  if (seen.noise_adu > kMuchNoisier * known)
-    notes.push_back(fmt::format(
-        "{} has {:.4g} ADU of noise between the spots, the sensor file knows of {:.4g}: thresholds "
-        "follow the frames, but the reference spots were measured at a lower one and may lie "
-        "elsewhere; calibrate again with --read-noise-e {:.3g}",
-        recording, seen.noise_adu, known, seen.noise_adu * sensor.detector.e_per_adu));
-  return notes;
 }
 
 /// Says whether more is to be made of the frames than a results file.
@@ -159,7 +113,9 @@ void print_input(const ReplayOptions& options, const FitsSource& source, const S
              sensor.grid.cols, sensor.grid.rows);
   for (const std::string& note : source.notes()) fmt::print("{}\n", note);
   if (!source.map_report().empty()) fmt::print("{}\n", source.map_report());
-  for (const std::string& note : contradictions(sensor, source, options)) fmt::print("{}\n", note);
+  for (const std::string& note :
+       contradictions(sensor, source, options.recordings.front(), selection_of(options)))
+    fmt::print("{}\n", note);
 }
 
 /// The files for the results; null if a file was not asked for.
