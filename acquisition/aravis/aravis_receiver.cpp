@@ -172,14 +172,17 @@ FrameBuffer* AravisReceiver::filled_frame(Slot& slot) noexcept {
 
 void AravisReceiver::copy_pixels(ArvBuffer* buffer, FrameBuffer& frame) const noexcept {
   const auto* from = static_cast<const std::byte*>(arv_buffer_get_part_data(buffer, 0, nullptr));
+  std::size_t bytes = 0;
+  arv_buffer_get_data(buffer, &bytes);
   gint padding = 0;
   gint rows_padding = 0;
   arv_buffer_get_part_padding(buffer, 0, &padding, &rows_padding);
-  // Without padding the lines follow each other, even in the middle of a byte.
+  // Without padding the lines follow each other, even in the middle of a byte. Padding that the
+  // bytes which came have no room for is not there.
   const auto rows = static_cast<std::size_t>(format_.rows);
   const std::size_t line = coding_.bytes(static_cast<std::size_t>(format_.cols));
   const std::size_t stride = line + static_cast<std::size_t>(std::max(padding, 0));
-  const bool one_run = stride == line || (rows - 1) * stride + line > payload_bytes_;
+  const bool one_run = stride == line || (rows - 1) * stride + line > bytes;
   const std::size_t runs = one_run ? 1 : rows;
   const std::size_t pixels = format_.pixels() / runs;
   const std::size_t run_bytes = pixels * static_cast<std::size_t>(format_.pixel_type);

@@ -280,7 +280,7 @@ void FitsFile::Handle::unpack(const UnpackingProcess::Request& request, std::spa
   switch (outcome) {
     case UnpackingProcess::Outcome::kTooLong:
       fail("is damaged: its compressed pixels cannot be unpacked within " +
-           std::to_string(request.seconds()) + " s");
+           std::to_string(request.longest_ms / 1000) + " s");
     case UnpackingProcess::Outcome::kTooLarge:
       fail("has compressed pixels that take too much memory: unpack it first, with funpack");
     default:
@@ -296,14 +296,16 @@ void FitsFile::read_pixels(std::int64_t first, std::span<T> into) {
   // image stores NaN as an undefined integer too.
   const bool undefined_is_nan = std::is_floating_point_v<T> && (place.bits > 0 || place.compressed);
   if (place.compressed && handle_->reading()) {
-    handle_->unpack({.hdu = place.hdu - 1,
-                     .datatype = datatype<T>(),
-                     .first = first,
-                     .bytes = static_cast<std::int64_t>(into.size_bytes()),
-                     .elements = static_cast<std::int64_t>(into.size()),
-                     .in_image = place.elements,
-                     .undefined_is_nan = undefined_is_nan},
-                    std::as_writable_bytes(into));
+    handle_->unpack(
+        {.hdu = place.hdu - 1,
+         .datatype = datatype<T>(),
+         .first = first,
+         .bytes = static_cast<std::int64_t>(into.size_bytes()),
+         .elements = static_cast<std::int64_t>(into.size()),
+         .in_image = place.elements,
+         .longest_ms = UnpackingProcess::time_for_ms(static_cast<std::int64_t>(into.size())),
+         .undefined_is_nan = undefined_is_nan},
+        std::as_writable_bytes(into));
     return;
   }
   int status = 0;

@@ -91,10 +91,10 @@ Tiling read_tiling(const RawHeader& header) {
     if (name == "ZNAXIS") set(tiling.axes, value);
     const int length = number_after(name, "ZNAXIS");
     if (length > 0 && length <= kMaxCompressedAxes)
-      set(tiling.length[static_cast<std::size_t>(length - 1)], value);
+      set(tiling.length.at(static_cast<std::size_t>(length - 1)), value);
     const int tile = number_after(name, "ZTILE");
     if (tile > 0 && tile <= kMaxCompressedAxes)
-      set(tiling.tile[static_cast<std::size_t>(tile - 1)], value);
+      set(tiling.tile.at(static_cast<std::size_t>(tile - 1)), value);
   }
   return tiling;
 }

@@ -20,8 +20,8 @@ extern char** environ;  // NOLINT(readability-redundant-declaration): POSIX has 
 namespace curlew {
 namespace {
 
-// A process that computes is ended by its limit on processor time long before this.
-constexpr std::chrono::seconds kLongestWait{20};
+// A process that computes is ended by its limit on processor time long before this many times that.
+constexpr std::int64_t kPatience = 10;
 
 /// Says what the new process inherits: the file, the socket, default signals, and a process group
 /// of its own, so that Ctrl-C ends this process in order and not that one in disorder.
@@ -59,11 +59,10 @@ class SpawnSettings {
 
 // Fills `into` from the socket. Returns false if the other end closes it or says nothing for too
 // long.
-bool receive(int socket, std::span<std::byte> into) {
+bool receive(int socket, std::int32_t longest_ms, std::span<std::byte> into) {
   while (!into.empty()) {
     pollfd wait{socket, POLLIN, 0};
-    const int ready =
-        poll(&wait, 1, static_cast<int>(std::chrono::milliseconds(kLongestWait).count()));
+    const int ready = poll(&wait, 1, static_cast<int>(kPatience * longest_ms));
     if (ready < 0 && errno == EINTR) continue;
     if (ready <= 0) return false;
     const ssize_t n = recv(socket, into.data(), into.size(), 0);
@@ -124,27 +123,28 @@ bool UnpackingProcess::ask(const Request& request) {
          static_cast<ssize_t>(sizeof(request));
 }
 
-UnpackingProcess::Outcome UnpackingProcess::receive_answer(std::span<std::byte> into) {
+UnpackingProcess::Outcome UnpackingProcess::receive_answer(const Request& request,
+                                                           std::span<std::byte> into) {
   UnpackReply reply{};
-  if (!receive(socket_.get(), std::as_writable_bytes(std::span(&reply, 1))))
+  if (!receive(socket_.get(), request.longest_ms, std::as_writable_bytes(std::span(&reply, 1))))
     return outcome_of_death();
   if (reply == UnpackReply::kTooLarge) return Outcome::kTooLarge;
   if (reply != UnpackReply::kElementsFollow) return Outcome::kDamaged;
-  return receive(socket_.get(), into) ? Outcome::kRead : outcome_of_death();
+  return receive(socket_.get(), request.longest_ms, into) ? Outcome::kRead : outcome_of_death();
 }
 
 UnpackingProcess::Outcome UnpackingProcess::read(const Request& request,
                                                  std::span<std::byte> into) {
   if (ahead_ && *ahead_ != request) {
     std::vector<std::byte> unwanted(static_cast<std::size_t>(ahead_->bytes));
-    const Outcome outcome = receive_answer(unwanted);
+    const Outcome outcome = receive_answer(*ahead_, unwanted);
     if (outcome != Outcome::kRead) return outcome;
     ahead_.reset();
   }
   const bool asked = ahead_.has_value() || ask(request);
   ahead_.reset();
   if (!asked) return outcome_of_death();
-  const Outcome outcome = receive_answer(into);
+  const Outcome outcome = receive_answer(request, into);
   if (outcome != Outcome::kRead) return outcome;
 
   Request next = request;

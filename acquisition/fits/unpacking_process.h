@@ -4,6 +4,7 @@
 
 #include <sys/types.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -25,23 +26,28 @@ class UnpackingProcess {
   UnpackingProcess(const UnpackingProcess&) = delete;
   UnpackingProcess& operator=(const UnpackingProcess&) = delete;
 
+  /// Returns how much processor time so many elements may take; the slowest decoder makes 10
+  /// million a second.
+  static std::int32_t time_for_ms(std::int64_t elements) {
+    return static_cast<std::int32_t>(std::min<std::int64_t>(kLeast_ms + elements / 8000, kMost_ms));
+  }
+
   struct Request {
     std::int32_t hdu = 0;       ///< 0 is the primary
     std::int32_t datatype = 0;  ///< cfitsio's, of the elements
     std::int64_t first = 0;     ///< element, in file order
     std::int64_t bytes = 0;     ///< of all elements
     std::int64_t elements = 0;
-    std::int64_t in_image = 0;      ///< elements of the whole image
-    bool undefined_is_nan = false;  ///< only for floating types
+    std::int64_t in_image = 0;            ///< elements of the whole image
+    std::int32_t longest_ms = kLeast_ms;  ///< of processor time; ten times that by the clock
+    bool undefined_is_nan = false;        ///< only for floating types
 
-    /// Returns how much processor time it may take; the slowest decoder makes 10 million a second.
-    int seconds() const { return static_cast<int>(2 + elements / 8'000'000); }
     bool operator==(const Request&) const = default;
   };
   enum class Outcome {
     kRead,     ///< all elements are there
     kDamaged,  ///< cfitsio refused them, or the process crashed over them
-    kTooLong,  ///< they took longer than request.seconds() of processor time
+    kTooLong,  ///< they took longer than the request allows
     kTooLarge  ///< they did not fit the memory
   };
 
@@ -51,9 +57,12 @@ class UnpackingProcess {
   Outcome read(const Request& request, std::span<std::byte> into);
 
  private:
+  static constexpr std::int32_t kLeast_ms = 2'000;
+  static constexpr std::int32_t kMost_ms = 100'000'000;
+
   Outcome outcome_of_death();
   bool ask(const Request& request);
-  Outcome receive_answer(std::span<std::byte> into);
+  Outcome receive_answer(const Request& request, std::span<std::byte> into);
 
   FileDescriptor socket_;
   Request last_;

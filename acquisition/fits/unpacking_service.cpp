@@ -5,6 +5,7 @@
 #include <sys/resource.h>
 #include <sys/time.h>
 
+#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <limits>
@@ -22,10 +23,10 @@ namespace {
 
 constexpr rlim_t kMemory_bytes = 512U << 20U;
 
-// From now on this process may use `seconds` of processor time and is then ended by SIGPROF; 0 is
-// for ever.
-void limit_time(int seconds) {
-  const itimerval limit{{0, 0}, {seconds, 0}};
+// From now on this process may use so much processor time and is then ended by SIGPROF; 0 is for
+// ever.
+void limit_time(std::int32_t longest_ms) {
+  const itimerval limit{{0, 0}, {longest_ms / 1000, longest_ms % 1000 * 1000}};
   setitimer(ITIMER_PROF, &limit, nullptr);
 }
 
@@ -75,7 +76,7 @@ bool answer(fitsfile* file, const UnpackingProcess::Request& request) {
   const std::unique_ptr<std::byte[]> elements(new (std::nothrow) std::byte[count]());
   UnpackReply reply = UnpackReply::kTooLarge;
   if (elements) {
-    limit_time(request.seconds());
+    limit_time(request.longest_ms);
     reply = unpack(file, request, elements.get());
     limit_time(0);
   }
@@ -85,7 +86,7 @@ bool answer(fitsfile* file, const UnpackingProcess::Request& request) {
 
 [[noreturn]] void serve() {
   limit_resources();
-  limit_time(UnpackingProcess::Request{}.seconds());
+  limit_time(UnpackingProcess::Request{}.longest_ms);
   fitsfile* file = nullptr;
   int status = 0;
   const std::string path = "/proc/self/fd/" + std::to_string(kUnpackedFile);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "core/error.h"
+#include "core/printable.h"
 
 namespace curlew {
 namespace {
@@ -117,7 +118,7 @@ class NpyFile final : public PictureFile {
     const auto element = descr.size() > 1 ? element_of(descr.substr(1)) : std::nullopt;
     if (!element) {
       throw Failure(path_ + " holds numbers of type " +
-                    (descr.empty() ? "record" : std::string(descr)) +
+                    (descr.empty() ? "record" : printable(descr)) +
                     ", which frames do not have: save frames.astype('uint16') or 'float32'");
     }
     constexpr char kNative = std::endian::native == std::endian::little ? '<' : '>';

@@ -15,6 +15,7 @@
 #include "acquisition/fits/fits_file.h"
 #include "core/error.h"
 #include "core/frame.h"
+#include "core/stop_request.h"
 
 namespace curlew {
 namespace {
@@ -212,7 +213,7 @@ std::string write_milk_recording(const std::string& folder, const std::string& n
   std::vector<LoggedFrame> logged;
   std::optional<FitsFile> file;
   std::string path;
-  while (frames.next(frame) == Delivery::kFrame) {
+  while (!stop_requested && frames.next(frame) == Delivery::kFrame) {
     logged.push_back(logged_frame(frame.header));
     if (!file) {
       const std::int64_t ns = logged.front().logged_ns;
@@ -229,6 +230,7 @@ std::string write_milk_recording(const std::string& folder, const std::string& n
     }
     write_frame(*file, static_cast<std::int64_t>(logged.size()) - 1, frame);
   }
+  if (stop_requested) throw Failure("interrupted: " + folder + " has no new recording");
   if (!file) throw Failure("there is no frame to be written for milk");
   file->resize_planes(static_cast<std::int64_t>(logged.size()));
   write_keys(*file, logged.front().logged_ns, logged.back().logged_ns);

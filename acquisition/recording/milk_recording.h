@@ -29,7 +29,8 @@ std::vector<std::string> fits_files_of(const std::string& path);
 /// Writes the frames as milk's loggers do: FOLDER/YYYYMMDD/NAME/NAME_HH:MM:SS.nnnnnnnnn.fits, by
 /// the UTC of the first frame, and the text beside it. Column "acquisition" is CAMERA_NS where that
 /// is within a day of the time of receipt, and else 0, because other clocks of cameras are not UTC.
-/// Returns the path of the cube. Throws Failure.
+/// Returns the path of the cube. Throws Failure, also where the program shall end meanwhile; there
+/// is then no file.
 std::string write_milk_recording(const std::string& folder, const std::string& name,
                                  FrameSource& frames);
 

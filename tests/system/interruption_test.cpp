@@ -10,6 +10,8 @@
 
 #include <array>
 #include <chrono>
+#include <cstdint>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <memory>
@@ -19,6 +21,7 @@
 #include "service/daemon/control_socket.h"
 #include "tests/support/process.h"
 #include "tests/support/program.h"
+#include "tests/support/raw_fits.h"
 
 namespace curlew {
 namespace {
@@ -83,17 +86,19 @@ TEST_F(Interruption, APipeWhoseReaderStalls) {
   close(reader);
 }
 
-// This is a float cube of 20 GB, all of which is looked at before the first frame. It is a hole.
+/// Makes a cube of 2,170,138 frames of 48 x 48 pixels, which is a hole in the file.
+void make_hole(const std::string& path, int bitpix) {
+  const std::string header = raw_image_header(bitpix, {"48", "48", "2170138"});
+  write_bytes(path, header);
+  const std::int64_t bytes = 48LL * 48 * 2170138 * std::abs(bitpix) / 8;
+  std::filesystem::resize_file(
+      path, header.size() + static_cast<std::uintmax_t>((bytes + 2879) / 2880 * 2880));
+}
+
+// This is a float cube of 20 GB, all of which is looked at before the first frame.
 TEST_F(Interruption, AFileOfManyGigabytes) {
   const std::string big = scratch_ / "big.fits";
-  std::string header;
-  for (const char* card :
-       {"SIMPLE  =                    T", "BITPIX  =                  -32",
-        "NAXIS   =                    3", "NAXIS1  =                   48",
-        "NAXIS2  =                   48", "NAXIS3  =              2170138", "END"})
-    header += std::string(card) + std::string(80 - std::strlen(card), ' ');
-  write_bytes(big, header + std::string(2880 - header.size(), ' '));
-  std::filesystem::resize_file(big, 2880 + (48LL * 48 * 4 * 2170138 + 2879) / 2880 * 2880);
+  make_hole(big, -32);
   for (const bool calibrates : {false, true}) {
     const auto curlew =
         calibrates ? start({"calibrate", ref(), "--dark", big, "--out", scratch_ / "s.fits"})
@@ -101,6 +106,22 @@ TEST_F(Interruption, AFileOfManyGigabytes) {
     ASSERT_TRUE(curlew->catches(SIGINT, seconds(20)));
     std::this_thread::sleep_for(milliseconds(500));
     expect_heard(*curlew, SIGINT, 1, "interrupted while");
+  }
+}
+
+// Copying these 5 GB would take far longer than half a second.
+TEST_F(Interruption, AConversionLeavesNoFile) {
+  const std::string big = scratch_ / "big.fits";
+  make_hole(big, 8);
+  for (const bool for_milk : {false, true}) {
+    const std::string out = scratch_ / "made";
+    const auto curlew = start({"convert", big, for_milk ? "--milk" : "--out", out});
+    ASSERT_TRUE(curlew->catches(SIGINT, seconds(20)));
+    std::this_thread::sleep_for(milliseconds(500));
+    expect_heard(*curlew, SIGINT, 1, "interrupted: " + out);
+    if (!std::filesystem::exists(out)) continue;
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(out))
+      EXPECT_TRUE(entry.is_directory()) << entry.path();
   }
 }
 

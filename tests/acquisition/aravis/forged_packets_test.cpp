@@ -138,8 +138,8 @@ Bytes forged_answer(std::uint32_t request) {
 /// Sends such answers for all requests that there can be, over and over, for as long as it lives.
 class Forger {
  public:
-  Forger(const char* address, int to_port)
-      : sender_(address, to_port, 3956), thread_([this] {
+  Forger(const char* address, int from_port, int to_port)
+      : sender_(address, to_port, from_port), thread_([this] {
           for (std::uint32_t request = 0; !ended_; ++request, ++sent_)
             sender_.send(forged_answer(request & 0xFFFFU));
         }) {}
@@ -159,35 +159,47 @@ class Forger {
   std::thread thread_;
 };
 
-class ForgedAnswers : public ServedCamera {};
+class ForgedAnswers : public ServedCamera {
+ protected:
+  /// Expects that the camera starts and is heard, whatever answers come from this address and port,
+  /// and that none of those reached it. By one of the registers that a start reads the frames'
+  /// socket is guarded.
+  void expect_only_the_cameras_answers(const char* address, int from_port) {
+    const KnownImages images = known_images(64, 64, kMono16);
+    FakeGigeOptions served;
+    served.frame_rate_hz = 200;
+    const auto server = serve(images, served);
+    const std::vector<UdpSocket> before = udp_sockets();
+    const auto camera = open();
+    std::vector<UdpSocket> fresh = udp_sockets();
+    std::erase_if(fresh, [&](const UdpSocket& socket) {
+      return std::find(before.begin(), before.end(), socket) != before.end();
+    });
+    ASSERT_EQ(fresh.size(), 1U);
 
-// By one of the registers that a start reads the frames' socket is guarded.
+    const Forger forger(address, from_port, fresh.front().port);
+    for (int start = 0; start < 3; ++start) {
+      FrameExchange exchange(camera->format(), 8);
+      Taker taker(exchange, images);
+      camera->start(exchange);
+      EXPECT_TRUE(taker.take(3)) << camera->failure();
+      camera->stop();
+    }
+    EXPECT_EQ(camera->failure(), "");
+    const std::int64_t sent = forger.sent();
+    EXPECT_GT(sent, 1000);
+    EXPECT_GE(camera->counts().refused_packets, sent);
+  }
+};
+
 TEST_F(ForgedAnswers, OfOthersAreNotTakenForTheCameras) {
   if (addresses_ < 2) GTEST_SKIP() << "there is one address";
-  const KnownImages images = known_images(64, 64, kMono16);
-  FakeGigeOptions served;
-  served.frame_rate_hz = 200;
-  const auto server = serve(images, served);
-  const std::vector<UdpSocket> before = udp_sockets();
-  const auto camera = open();
-  std::vector<UdpSocket> fresh = udp_sockets();
-  std::erase_if(fresh, [&](const UdpSocket& socket) {
-    return std::find(before.begin(), before.end(), socket) != before.end();
-  });
-  ASSERT_EQ(fresh.size(), 1U);
+  expect_only_the_cameras_answers("127.0.0.2", 3956);
+}
 
-  const Forger forger("127.0.0.2", fresh.front().port);
-  for (int start = 0; start < 3; ++start) {
-    FrameExchange exchange(camera->format(), 8);
-    Taker taker(exchange, images);
-    camera->start(exchange);
-    EXPECT_TRUE(taker.take(3)) << camera->failure();
-    camera->stop();
-  }
-  EXPECT_EQ(camera->failure(), "");
-  const std::int64_t sent = forger.sent();
-  EXPECT_GT(sent, 1000);
-  EXPECT_GE(camera->counts().refused_packets, sent);
+TEST_F(ForgedAnswers, OfAnotherPortAreNotTakenForTheCameras) {
+  constexpr int kAnyPort = 0;
+  expect_only_the_cameras_answers("127.0.0.1", kAnyPort);
 }
 
 class ForgedPackets : public ServedCamera {

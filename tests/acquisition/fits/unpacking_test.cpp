@@ -1,5 +1,6 @@
 // What others packed is unpacked where it harms nobody: tiles in another process, gzip within a
 // limit.
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/resource.h>
@@ -16,10 +17,13 @@
 #include <random>
 #include <sstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "acquisition/fits/confinement.h"
+#include "acquisition/fits/file_descriptor.h"
 #include "acquisition/fits/fits_file.h"
+#include "acquisition/fits/unpacking_process.h"
 #include "tests/support/failure_text.h"
 #include "tests/support/raw_fits.h"
 #include "tests/support/scratch_directory.h"
@@ -60,6 +64,23 @@ void pack(const std::string& bytes, const std::string& path) {
   gzFile out = gzopen(path.c_str(), "wb9");
   gzwrite(out, bytes.data(), static_cast<unsigned>(bytes.size()));
   gzclose(out);
+}
+
+std::string status_of(pid_t process) {
+  std::ostringstream status;
+  status << std::ifstream("/proc/" + std::to_string(process) + "/status").rdbuf();
+  return status.str();
+}
+
+std::vector<pid_t> children() {
+  std::vector<pid_t> found;
+  const std::string parent = "PPid:\t" + std::to_string(getpid()) + "\n";
+  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
+    const pid_t process = std::atoi(entry.path().filename().c_str());
+    if (process > 0 && status_of(process).find(parent) != std::string::npos)
+      found.push_back(process);
+  }
+  return found;
 }
 
 TEST(Unpacking, PixelsComeBackAsTheyWere) {
@@ -116,13 +137,8 @@ TEST(Unpacking, TheProcessMayDoLittleAndTakeLittleMemory) {
   std::vector<std::uint16_t> part(7);
   file.read_pixels(0, std::span(part));
   int confined = 0;
-  const std::string parent = "PPid:\t" + std::to_string(getpid()) + "\n";
-  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
-    std::ostringstream status;
-    status << std::ifstream(entry.path() / "status").rdbuf();
-    if (status.str().find(parent) == std::string::npos) continue;
-    confined += status.str().find("Seccomp:\t2\n") != std::string::npos ? 1 : 0;
-  }
+  for (const pid_t child : children())
+    confined += status_of(child).find("Seccomp:\t2\n") != std::string::npos ? 1 : 0;
   EXPECT_EQ(confined, 1);
 
   // One tile of 2^27 pixels, more than the process may hold.
@@ -140,6 +156,60 @@ TEST(Unpacking, TheProcessMayDoLittleAndTakeLittleMemory) {
   large.select(1);
   const std::string text = failure_text([&] { large.read_pixels(0, std::span(part)); });
   EXPECT_NE(text.find("too much memory"), std::string::npos) << text;
+}
+
+/// A compressed image of one tile, which takes a tenth of a second to unpack.
+class LargeTile : public ::testing::Test {
+ protected:
+  static constexpr std::int64_t kPixels = 1 << 24;
+
+  void SetUp() override {
+    FitsFile out = FitsFile::create(path_);
+    out.create_compressed_image(ElementType::kU16, {1, 1, kPixels});
+    std::vector<std::uint16_t> pixels(kPixels);
+    std::mt19937 random(3);
+    for (auto& pixel : pixels) pixel = static_cast<std::uint16_t>(random() % 64);
+    out.write_pixels<std::uint16_t>(0, pixels);
+    out.commit();
+    file_ = FileDescriptor(open(path_.c_str(), O_RDONLY | O_CLOEXEC));
+  }
+  static UnpackingProcess::Request request(std::int32_t longest_ms) {
+    constexpr std::int32_t kTushort = 20;  // cfitsio's number for unsigned short
+    return {.hdu = 1,
+            .datatype = kTushort,
+            .bytes = 2,
+            .elements = 1,
+            .in_image = kPixels,
+            .longest_ms = longest_ms};
+  }
+
+  const ScratchDirectory scratch_;
+  const std::string path_ = scratch_ / "tile.fits";
+  FileDescriptor file_;
+  std::array<std::byte, 2> pixel_{};
+};
+
+TEST_F(LargeTile, IsUnpackedInTheProcessorTimeThatItMayTake) {
+  EXPECT_EQ(UnpackingProcess(file_.get()).read(request(60'000), pixel_),
+            UnpackingProcess::Outcome::kRead);
+  EXPECT_EQ(UnpackingProcess(file_.get()).read(request(20), pixel_),
+            UnpackingProcess::Outcome::kTooLong);
+  EXPECT_EQ(children().size(), 0U);
+}
+
+TEST_F(LargeTile, IsNotWaitedForWhereTheProcessHangs) {
+  UnpackingProcess process(file_.get());
+  ASSERT_EQ(process.read(request(60'000), pixel_), UnpackingProcess::Outcome::kRead);
+  const std::vector<pid_t> started = children();
+  ASSERT_EQ(started.size(), 1U);
+  kill(started.front(), SIGSTOP);
+  // Should it be waited for, it goes on after a while, and the pixel comes.
+  std::jthread patience([&](const std::stop_token& stop) {
+    for (int i = 0; i < 500 && !stop.stop_requested(); ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    kill(started.front(), SIGCONT);
+  });
+  EXPECT_EQ(process.read(request(20), pixel_), UnpackingProcess::Outcome::kTooLong);
 }
 
 // Whatever the tiles hold, there are pixels or one sentence. In this process some of these bytes

@@ -85,6 +85,7 @@ TEST_F(Pictures, NpyThatIsNoFrameIsRefused) {
   EXPECT_NE(refused("'<u2'", "(5, 21)", "True").find("ascontiguousarray"), std::string::npos);
   EXPECT_NE(refused("'<i8'", "(5, 21)").find("astype"), std::string::npos);
   EXPECT_NE(refused("[('x', '<u2')]", "(5, 21)").find("record"), std::string::npos);
+  EXPECT_NE(refused("'<\n\x1b[2J'", "(5, 21)").find("<\\x0a\\x1b[2J,"), std::string::npos);
   EXPECT_NE(refused("'<u2'", "(105,)").find("1 dimensions"), std::string::npos);
   EXPECT_NE(refused("'<u2'", "(1, 1, 5, 21)").find("4 dimensions"), std::string::npos);
   EXPECT_NE(refused("'<u2'", "(3, 5, 21)").find("promises 3 frames and holds 1"),

@@ -147,8 +147,13 @@ UsbIdentity identity() {
 
 }  // namespace
 
-EmulatedVisionCamera::EmulatedVisionCamera(int rows, int cols)
-    : EmulatedUsbDevice(identity()), rows_(rows), cols_(cols), memory_(kXml) {
+EmulatedVisionCamera::EmulatedVisionCamera(int rows, int cols, int padding_bytes)
+    : EmulatedUsbDevice(identity()),
+      rows_(rows),
+      cols_(cols),
+      padding_(padding_bytes),
+      claimed_padding_(padding_bytes),
+      memory_(kXml) {
   put<std::uint32_t>(memory_, 0x000, 0x00010000);
   put_text(memory_, 0x004, kVendor);
   put_text(memory_, 0x044, kModel);
@@ -162,7 +167,7 @@ EmulatedVisionCamera::EmulatedVisionCamera(int rows, int cols)
   put<std::uint32_t>(memory_, kSbrm + 0x1c, 1);
   put<std::uint64_t>(memory_, kSbrm + 0x20, kSirm);
   put<std::uint32_t>(memory_, kSbrm + 0x28, 0x30);
-  const auto payload = static_cast<std::uint32_t>(2 * rows * cols);
+  const auto payload = static_cast<std::uint32_t>(rows * (2 * cols + padding_bytes));
   put<std::uint32_t>(memory_, kSirm, 10U << 24);  // transfers are multiples of 2^10 bytes
   put<std::uint64_t>(memory_, kSirm + 0x08, payload);
   put<std::uint32_t>(memory_, kSirm + 0x10, kPacket);
@@ -207,13 +212,19 @@ bool EmulatedVisionCamera::send_leader(std::uint64_t id) {
   append<std::uint32_t>(leader, static_cast<std::uint32_t>(cols_));
   append<std::uint32_t>(leader, static_cast<std::uint32_t>(rows_));
   append<std::uint64_t>(leader, 0);  // offsets
-  append<std::uint32_t>(leader, 0);  // padding
+  append<std::uint16_t>(leader, static_cast<std::uint16_t>(claimed_padding_));
+  append<std::uint16_t>(leader, 0);
   return send(kStreamIn, leader, true);
 }
 
 bool EmulatedVisionCamera::send_frame(std::uint64_t id, std::span<const std::uint16_t> pixels) {
-  const std::span<const std::uint8_t> payload(reinterpret_cast<const std::uint8_t*>(pixels.data()),
-                                              pixels.size_bytes());
+  Bytes payload;
+  const auto* from = reinterpret_cast<const std::uint8_t*>(pixels.data());
+  const auto line = static_cast<std::size_t>(2 * cols_);
+  for (std::size_t at = 0; at < pixels.size_bytes(); at += line) {
+    payload.insert(payload.end(), from + at, from + at + line);
+    payload.insert(payload.end(), static_cast<std::size_t>(padding_), 0xEE);
+  }
   Bytes trailer;
   append<std::uint32_t>(trailer, 0x54563355);
   append<std::uint16_t>(trailer, 0);

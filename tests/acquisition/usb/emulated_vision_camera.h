@@ -12,7 +12,8 @@ namespace curlew {
 
 class EmulatedVisionCamera : public EmulatedUsbDevice {
  public:
-  EmulatedVisionCamera(int rows, int cols);
+  /// padding_bytes: how many bytes follow each row of a frame.
+  EmulatedVisionCamera(int rows, int cols, int padding_bytes = 0);
   ~EmulatedVisionCamera() override;
 
   static constexpr const char* kVendor = "Curlew Works";
@@ -23,11 +24,14 @@ class EmulatedVisionCamera : public EmulatedUsbDevice {
   bool acquiring() const;
   bool wait_until_acquiring() const;  ///< Returns false if it did not within 10 s.
 
-  /// Sends leader, payload and trailer. Returns false if the camera is not plugged in.
+  /// Sends leader, payload and trailer, pixels with their padding. Returns false if the camera is
+  /// not plugged in.
   bool send_frame(std::uint64_t id, std::span<const std::uint16_t> pixels);
   /// Sends the leader and the first bytes of the payload.
   bool send_part_of_frame(std::uint64_t id, std::span<const std::uint16_t> pixels,
                           std::size_t bytes);
+  /// From now on leaders say that so many bytes follow each row, whatever does.
+  void claim_padding(int bytes) { claimed_padding_ = bytes; }
 
  protected:
   void received(int endpoint, const Bytes& bytes) override;
@@ -37,6 +41,8 @@ class EmulatedVisionCamera : public EmulatedUsbDevice {
 
   int rows_;
   int cols_;
+  int padding_;
+  int claimed_padding_;
   mutable std::mutex memory_mutex_;
   Bytes memory_;  ///< all registers, and the GenICam description
 };

@@ -242,6 +242,25 @@ TEST(UsbFrameAssembler, ADamagedNumberIsNotTakenForALoss) {
   }
 }
 
+// What there is of the number before is not taken for its number.
+TEST(UsbFrameAssembler, AFrameThatIsCutOffInItsNumberHasNone) {
+  const UsbLayout layout = stream_layout();
+  for (const std::ptrdiff_t bytes : {4, 8, 9, 11}) {
+    SCOPED_TRACE(bytes);
+    Collector collector(layout);
+    for (const std::uint32_t n : {1U, 2U, 3U}) collector.feed(stream_frame(layout, n), true);
+    const Bytes noise = stream_frame(layout, 0x01010104U);
+    collector.feed(Bytes(noise.begin(), noise.begin() + bytes), true);
+    for (const std::uint32_t n : {4U, 5U, 7U}) collector.feed(stream_frame(layout, n), true);
+    ASSERT_EQ(collector.frames.size(), 6U);
+    EXPECT_EQ(collector.frames[3].sequence, 4);
+    EXPECT_FALSE(collector.frames[3].renumbered);
+    EXPECT_EQ(collector.counts().dropped(), 1) << "only frame 6 did not come";
+    EXPECT_EQ(collector.counts().lost, 1);
+    expect_identity(collector);
+  }
+}
+
 TEST(UsbFrameAssembler, NumbersThatNeverCameAreLost) {
   Collector collector(stream_layout());
   collector.feed_numbered({1U, 2U, 7U, 8U, 1000U, 1001U});

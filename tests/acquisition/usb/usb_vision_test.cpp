@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <future>
+#include <limits>
 #include <memory>
 #include <random>
 #include <string>
@@ -100,6 +101,69 @@ TEST_F(UsbVision, StreamsEveryPixelThroughAravis) {
   EXPECT_EQ(camera->counts().delivered, 199);
   EXPECT_EQ(camera->counts().dropped(), 0);
   EXPECT_EQ(camera->failure(), "");
+}
+
+TEST_F(UsbVision, WhatFollowsTheRowsIsNotTakenForPixels) {
+  device_ = std::make_unique<EmulatedVisionCamera>(kRows, kCols, 12);
+  plug();
+  const auto camera = open();
+  FrameExchange exchange(camera->format(), 8);
+  camera->start(exchange);
+  ASSERT_TRUE(device_->wait_until_acquiring());
+  stream(exchange, 1, 10);
+  camera->stop();
+  EXPECT_EQ(camera->counts().delivered, 9);
+}
+
+// Rows would be looked for far behind the frame. They are taken to follow each other instead.
+TEST_F(UsbVision, PaddingThatAFrameHasNoRoomForIsNotThere) {
+  constexpr int kPadding = 12;
+  device_ = std::make_unique<EmulatedVisionCamera>(kRows, kCols, kPadding);
+  plug();
+  const auto camera = open();
+  FrameExchange exchange(camera->format(), 8);
+  camera->start(exchange);
+  ASSERT_TRUE(device_->wait_until_acquiring());
+  stream(exchange, 1, 10);
+  const auto pixels = vision_pixels(10);
+  for (const int padding : {kPadding + 2, 0xFFFF}) {
+    SCOPED_TRACE(padding);
+    device_->claim_padding(padding);
+    ASSERT_TRUE(device_->send_frame(10, pixels));
+    FrameBuffer* frame = exchange.take(kLong_us);
+    ASSERT_NE(frame, nullptr);
+    const auto* got = frame->view().data<std::uint16_t>();
+    EXPECT_TRUE(std::equal(got, got + kCols, pixels.begin()));
+    EXPECT_EQ(got[kCols], 0xEEEE) << "that is the padding of the first row";
+    EXPECT_TRUE(std::equal(got + kCols + kPadding / 2, got + 2 * kCols, pixels.begin() + kCols));
+    exchange.give_back(frame);
+  }
+  camera->stop();
+}
+
+// Aravis says by this number that a frame has none.
+TEST_F(UsbVision, AFrameWithoutANumberIsNotDelivered) {
+  plug();
+  const auto camera = open();
+  FrameExchange exchange(camera->format(), 8);
+  camera->start(exchange);
+  ASSERT_TRUE(device_->wait_until_acquiring());
+  stream(exchange, 1, 10);
+  ASSERT_TRUE(device_->send_frame(std::numeric_limits<std::uint64_t>::max(), vision_pixels(0)));
+  EXPECT_EQ(exchange.take(kLong_us / 20), nullptr);
+  EXPECT_EQ(camera->counts().other, 1);
+  for (std::uint64_t id = 11; id < 13; ++id) {
+    ASSERT_TRUE(device_->send_frame(id, vision_pixels(id)));
+    FrameBuffer* frame = exchange.take(kLong_us);
+    ASSERT_NE(frame, nullptr);
+    EXPECT_EQ(frame->header.sequence, static_cast<std::int64_t>(id));
+    EXPECT_FALSE(frame->header.renumbered);
+    EXPECT_EQ(frame->header.status, id == 11 ? kFrameGapBefore : kFrameOk);
+    exchange.give_back(frame);
+  }
+  camera->stop();
+  EXPECT_EQ(camera->counts().delivered, 11);
+  EXPECT_EQ(camera->counts().dropped(), 1);
 }
 
 TEST_F(UsbVision, UnpluggedInMidFrameAndPluggedInAgain) {
