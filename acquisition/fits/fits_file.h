@@ -155,6 +155,9 @@ class FitsFile {
   /// int32_t, int64_t, float, double.
   template <typename T>
   void write_column(const std::string& name, std::int64_t first_row, std::span<const T> values);
+  /// Writes whole rows, as FITS has their bytes, from row `first_row` on; the table grows as
+  /// needed.
+  void write_rows(std::int64_t first_row, std::span<const std::byte> rows);
   /// Reads into.size() values from row `first_row` on. T is as in write_column, or std::string for
   /// a column of format A.
   template <typename T>

@@ -114,6 +114,16 @@ void FitsFile::write_column(const std::string& name, std::int64_t first_row,
   handle_->check(status, "write the column " + name);
 }
 
+void FitsFile::write_rows(std::int64_t first_row, std::span<const std::byte> rows) {
+  if (rows.empty()) return;
+  int status = 0;
+  // cfitsio's parameter is not const, but it does not write to it.
+  auto* bytes = const_cast<unsigned char*>(reinterpret_cast<const unsigned char*>(rows.data()));
+  fits_write_tblbytes(cfits(handle_->file), first_row + 1, 1, static_cast<LONGLONG>(rows.size()),
+                      bytes, &status);
+  handle_->check(status, "write the rows of a table");
+}
+
 template <typename T>
 void FitsFile::read_column(const std::string& name, std::int64_t first_row, std::span<T> into) {
   if (into.empty()) return;

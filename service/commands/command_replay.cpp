@@ -218,9 +218,8 @@ void replay_shard(const ReplayOptions& options, const std::shared_ptr<const Plan
                            placement);
   if (choice.shard > 0) worker.do_shard(choice.shard);
   if (!choice.merges) return;
-  if (choice.shard > 0)
-    for (int shard = 1; shard <= choice.shards; ++shard) worker.wait_for(shard);
-  for (int shard = 1; shard <= choice.shards; ++shard) worker.do_shard(shard);
+  worker.do_all_shards(choice.shard > 0 ? ShardWorker::Others::kAtWork
+                                        : ShardWorker::Others::kNone);
   merge_night(worker.paths(), options.out, options.existing);
 }
 

@@ -104,26 +104,11 @@ void RowTable::for_each_block(const TakeRows& take) const {
   if (used_ > 0) take(in_memory());
 }
 
-template <typename T>
-void RowTable::write_cells(FitsFile& file, const ColumnSpec& column, std::int64_t first_row,
-                           std::span<const std::byte> rows) const {
-  std::vector<T> cells;
-  cells.reserve(rows.size() / row_bytes_);
-  for (std::size_t at = cell_offset(columns_, column.name); at < rows.size(); at += row_bytes_)
-    cells.push_back(cell_value<T>(rows.data() + at));
-  file.write_column<T>(column.name, first_row, cells);
-}
-
 void RowTable::write(FitsFile& file) const {
   file.create_table(name_, columns_);
   std::int64_t row = 0;
   for_each_block([&](std::span<const std::byte> rows) {
-    for (const ColumnSpec& column : columns_) {
-      if (column.format == 'K') write_cells<std::int64_t>(file, column, row, rows);
-      if (column.format == 'J') write_cells<std::int32_t>(file, column, row, rows);
-      if (column.format == 'E') write_cells<float>(file, column, row, rows);
-      if (column.format == 'D') write_cells<double>(file, column, row, rows);
-    }
+    file.write_rows(row, rows);
     row += static_cast<std::int64_t>(rows.size() / row_bytes_);
   });
 }

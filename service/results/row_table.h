@@ -105,9 +105,6 @@ class RowTable {
   }
   std::span<const std::byte> in_memory() const { return {bytes_.data(), used_}; }
   void spill();
-  template <typename T>
-  void write_cells(FitsFile& file, const ColumnSpec& column, std::int64_t first_row,
-                   std::span<const std::byte> rows) const;
 
   std::string name_;
   std::vector<ColumnSpec> columns_;

@@ -24,6 +24,7 @@ class JoinedFile {
   void append(const std::string& text);
   /// Appends so many zeros, which write_at() may replace.
   void append_zeros(std::int64_t bytes);
+  /// Threads may write at different places at once, while one of them appends.
   void write_at(std::int64_t place, std::span<const std::byte> bytes);
   void write_at(std::int64_t place, const std::string& text);
   /// Fills up with zeros to whole blocks of FITS.

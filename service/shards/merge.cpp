@@ -3,6 +3,7 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
+#include <functional>
 #include <utility>
 
 #include "acquisition/fits/file_descriptor.h"
@@ -16,6 +17,7 @@
 #include "service/shards/byte_reader.h"
 #include "service/shards/joined_file.h"
 #include "service/shards/shard_record.h"
+#include "service/shards/tasks.h"
 #include "service/shards/tracked_join.h"
 
 namespace curlew {
@@ -125,7 +127,8 @@ void require_undamaged_but_slices(const std::vector<Shard>& shards) {
       if (joining_of(shard, k) != Joining::kSlices) read_hdu(shard, k, [](const auto&) {});
 }
 
-/// Puts the HDUs of all shards together, one after the other.
+/// Puts the HDUs of all shards together. Where an HDU's place is known, its data are copied later,
+/// all of them at once; the tracker runs beside them.
 class Join {
  public:
   Join(const std::vector<Shard>& shards, const std::string& out)
@@ -147,6 +150,7 @@ class Join {
       }
       file_.end_hdu();
     }
+    do_tasks(tasks_);
   }
 
   std::int64_t vortices() const { return vortices_; }
@@ -174,8 +178,15 @@ class Join {
     file_.append(header);
   }
 
+  /// Leaves room for the data, and a task that copies them.
   void append_data(const Shard& shard, std::size_t hdu) {
-    read_hdu(shard, hdu, [&](std::span<const std::byte> bytes) { file_.append(bytes); });
+    tasks_.emplace_back([this, &shard, hdu, place = file_.bytes()]() mutable {
+      read_hdu(shard, hdu, [&](std::span<const std::byte> bytes) {
+        file_.write_at(place, bytes);
+        place += static_cast<std::int64_t>(bytes.size());
+      });
+    });
+    file_.append_zeros(shard.hdus[hdu].slices * shard.hdus[hdu].slice_bytes);
   }
 
   void append_slices(std::size_t hdu) {
@@ -187,13 +198,25 @@ class Join {
   }
 
   /// Appends FRAMES, whose length is known, and VORTICES behind it, in one pass through the shards.
+  /// What comes behind them has its place only then, and what comes before is copied meanwhile.
   void append_tracked(std::size_t frames, std::size_t vortices) {
     append_header(frames, first_.record.night_frames);
-    std::int64_t frames_at = file_.bytes();
+    const std::int64_t frames_at = file_.bytes();
     file_.append_zeros(first_.record.night_frames * first_.hdus[frames].slice_bytes);
     file_.end_hdu();
     const std::int64_t header_at = file_.bytes();
     append_header(vortices, 0);
+    Tasks tasks;
+    tasks.reserve(1 + tasks_.size());
+    tasks.emplace_back([&] { track(frames, vortices, frames_at); });
+    for (std::function<void()>& copy : tasks_) tasks.push_back(std::move(copy));
+    tasks_.clear();
+    do_tasks(tasks);
+    file_.write_at(header_at, first_.hdus[vortices].header_for(vortices_));
+  }
+
+  /// Writes the rows of FRAMES at their place and appends those of VORTICES.
+  void track(std::size_t frames, std::size_t vortices, std::int64_t frames_at) {
     TrackedJoin tracked(
         first_.record,
         [&](std::span<const std::byte> rows) {
@@ -215,7 +238,6 @@ class Join {
     tracked.finish();
     vortices_ = tracked.vortices();
     tracks_ = tracked.tracks();
-    file_.write_at(header_at, first_.hdus[vortices].header_for(vortices_));
   }
 
   void append_tracks(std::size_t hdu, const std::string& out) {
@@ -227,6 +249,7 @@ class Join {
   const std::vector<Shard>& shards_;
   const Shard& first_;
   JoinedFile file_;
+  Tasks tasks_;  ///< what is still to be copied
   TrackSummary tracks_;
   std::int64_t vortices_ = 0;
 };

@@ -119,7 +119,7 @@ ShardRecord ShardWorker::record_for(int shard) const {
   return record;
 }
 
-/// Returns the record of a shard that is there, undamaged and of this night.
+/// Returns the record of a shard that is there, undamaged and of this night. All of it is read.
 std::optional<ShardRecord> ShardWorker::find_done(int shard) const {
   std::error_code none;
   if (shard < 1 || !fs::exists(path_of(shard), none)) return std::nullopt;
@@ -130,18 +130,17 @@ std::optional<ShardRecord> ShardWorker::find_done(int shard) const {
         record.range == wanted.range)
       return record;
   } catch (const Failure&) {
-    // It is damaged, or something else; is_done() looks at what may be replaced.
+    // It is damaged, or something else; require_replaceable() looks at what may be replaced.
   }
   return std::nullopt;
 }
 
-bool ShardWorker::is_done(int shard, const std::optional<ShardRecord>& before) const {
+/// Throws UsageError where there is something else in place of this shard of the night.
+void ShardWorker::require_replaceable(int shard) const {
   const std::string path = path_of(shard);
   std::error_code none;
-  if (!fs::exists(replaceable_target(path), none)) return false;
-  if (const std::optional<ShardRecord> done = find_done(shard))
-    return !before || before->windows_after == done->windows_before;
-  if (night_.existing == Existing::kReplaced) return false;
+  if (!fs::exists(replaceable_target(path), none)) return;
+  if (night_.existing == Existing::kReplaced) return;
   std::string what;
   try {
     what = "of " + difference_of_nights(record_for(shard), read_whole_shard(path));
@@ -151,9 +150,9 @@ bool ShardWorker::is_done(int shard, const std::optional<ShardRecord>& before) c
     try {
       content = FitsFile::open(path).key_string("CONTENT");
     } catch (const Failure&) {
-      return false;
+      return;
     }
-    if (content == kShardContent) return false;
+    if (content == kShardContent) return;
     what = "no shard";
   }
   throw UsageError(
@@ -161,17 +160,30 @@ bool ShardWorker::is_done(int shard, const std::optional<ShardRecord>& before) c
                   path, what));
 }
 
-void ShardWorker::do_shard(int shard) const {
-  const std::optional<ShardRecord> before = find_done(shard - 1);
-  if (is_done(shard, before)) {
+/// before, done: what the shard before this one and this one say, where they are done.
+ShardRecord ShardWorker::do_unless_done(int shard, const std::optional<ShardRecord>& before,
+                                        const std::optional<ShardRecord>& done) const {
+  if (done && (!before || before->windows_after == done->windows_before)) {
     fmt::print("{} is done already\n", path_of(shard));
-    return;
+    return *done;
   }
+  if (!done) require_replaceable(shard);
   remove_partials(path_of(shard));
-  run(shard, before);
+  return run(shard, before);
 }
 
-void ShardWorker::run(int shard, const std::optional<ShardRecord>& before) const {
+void ShardWorker::do_shard(int shard) const {
+  do_unless_done(shard, find_done(shard - 1), find_done(shard));
+}
+
+void ShardWorker::do_all_shards(Others others) const {
+  std::optional<ShardRecord> before;
+  for (int shard = 1; shard <= night_.shards; ++shard)
+    before = do_unless_done(shard, before,
+                            others == Others::kAtWork ? wait_for(shard) : find_done(shard));
+}
+
+ShardRecord ShardWorker::run(int shard, const std::optional<ShardRecord>& before) const {
   ShardRecord record = record_for(shard);
   const auto [first, frames] = record.range;
   FitsSource source(night_.recordings, night_.selection);
@@ -203,11 +215,14 @@ void ShardWorker::run(int shard, const std::optional<ShardRecord>& before) const
   fmt::print("{}: frames {} to {} of {}, {:.1f} frames/s\n", path_of(shard), first,
              first + frames - 1, night_.frames,
              static_cast<double>(frames) / std::max(report.seconds, 1e-9));
+  return record;
 }
 
-void ShardWorker::wait_for(int shard) const {
+/// Returns the record of a shard once it is done.
+std::optional<ShardRecord> ShardWorker::wait_for(int shard) const {
   constexpr auto kPeriod = std::chrono::milliseconds(200);
-  while (!find_done(shard)) {
+  while (true) {
+    if (std::optional<ShardRecord> done = find_done(shard)) return done;
     if (interrupted()) throw Failure("interrupted while the other workers were not done");
     std::this_thread::sleep_for(kPeriod);
   }

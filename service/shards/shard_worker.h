@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -42,8 +43,11 @@ class ShardWorker {
   /// line on it. Throws UsageError for a file of its name that is no shard of this night, unless
   /// that may be replaced.
   void do_shard(int shard) const;
-  /// Waits until other workers have done a shard. Throws Failure when interrupted.
-  void wait_for(int shard) const;
+  enum class Others { kNone, kAtWork };
+  /// As do_shard() for all shards, in their order. Where others are at work it waits for each shard
+  /// until one of them has done it, and does only what does not begin where the one before ended.
+  /// Throws Failure when interrupted.
+  void do_all_shards(Others others) const;
   /// Returns the files of all shards.
   std::vector<std::string> paths() const;
 
@@ -51,8 +55,11 @@ class ShardWorker {
   std::string path_of(int shard) const;
   ShardRecord record_for(int shard) const;
   std::optional<ShardRecord> find_done(int shard) const;
-  bool is_done(int shard, const std::optional<ShardRecord>& before) const;
-  void run(int shard, const std::optional<ShardRecord>& before) const;
+  std::optional<ShardRecord> wait_for(int shard) const;
+  void require_replaceable(int shard) const;
+  ShardRecord do_unless_done(int shard, const std::optional<ShardRecord>& before,
+                             const std::optional<ShardRecord>& done) const;
+  ShardRecord run(int shard, const std::optional<ShardRecord>& before) const;
 
   Night night_;
   SaveOptions save_;

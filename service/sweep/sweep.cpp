@@ -30,9 +30,9 @@ void exchange_slopes(FrameSlot& a, FrameSlot& b) noexcept {
   std::swap(a.circulation, b.circulation);
 }
 
-/// Exchanges what the split made of a frame, and what the hidden phase needs of it.
+/// Exchanges what the split made of a frame, and what the hidden phase of `a` needs of it.
 void exchange_split(FrameSlot& a, FrameSlot& b) noexcept {
-  std::swap(a.split_workspace, b.split_workspace);
+  if (a.hidden_phase_workspace) std::swap(a.split_workspace, b.split_workspace);
   std::swap(a.split, b.split);
 }
 
