@@ -7,6 +7,8 @@
 #include <array>
 #include <string>
 
+#include "tests/support/paths.h"
+
 namespace curlew {
 
 struct PeerAnswer {
@@ -17,7 +19,7 @@ struct PeerAnswer {
 /// Runs a command: "describe", "recordings" or "write". path: a file or a directory without quotes
 /// in its name.
 inline PeerAnswer ask_astropy(const std::string& command, const std::string& path) {
-  const std::string line = std::string("/usr/bin/python3 '") + CURLEW_SOURCE_DIR +
+  const std::string line = std::string("/usr/bin/python3 '") + kSourceDir +
                            "/tests/support/astropy_peer.py' " + command + " '" + path + "' 2>&1";
   PeerAnswer answer;
   FILE* pipe = popen(line.c_str(), "r");

@@ -3,6 +3,8 @@
 
 #include <string>
 
+#include "tests/support/paths.h"
+
 namespace curlew {
 
 /// Returns the assignments for a shell or for env: the at-th call (from 1) of `call` on a path that
@@ -10,10 +12,10 @@ namespace curlew {
 /// poll() the path is empty. error 0: it takes half of the bytes.
 inline std::string failing_call(const std::string& call, int error, int at, const std::string& path,
                                 const std::string& mark) {
-  return "ASAN_OPTIONS=verify_asan_link_order=0 LD_PRELOAD=" CURLEW_FAILING_CALLS
-         " CURLEW_FAIL_CALL=" +
-         call + " CURLEW_FAIL_AT=" + std::to_string(at) + " CURLEW_FAIL_PATH=" + path +
-         " CURLEW_FAIL_WITH=" + std::to_string(error) + " CURLEW_FAIL_MARK=" + mark + " ";
+  return std::string("ASAN_OPTIONS=verify_asan_link_order=0 LD_PRELOAD=") + kFailingCalls +
+         " CURLEW_FAIL_CALL=" + call + " CURLEW_FAIL_AT=" + std::to_string(at) +
+         " CURLEW_FAIL_PATH=" + path + " CURLEW_FAIL_WITH=" + std::to_string(error) +
+         " CURLEW_FAIL_MARK=" + mark + " ";
 }
 
 }  // namespace curlew

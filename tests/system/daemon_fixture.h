@@ -15,6 +15,7 @@
 
 #include "tests/support/fake_gige_camera.h"
 #include "tests/support/loopback.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/program.h"
 
@@ -80,7 +81,7 @@ class Daemon : public ::testing::Test {
   }
   std::unique_ptr<Process> serve(const std::vector<std::string>& more = {},
                                  const std::string& recording = "beam.fits") {
-    std::vector<std::string> command{CURLEW_SERVE_GIGE, scratch_ / recording};
+    std::vector<std::string> command{kServeGige, scratch_ / recording};
     command.insert(command.end(), more.begin(), more.end());
     auto server =
         std::make_unique<Process>(command, scratch_ / "server.out", scratch_ / "server.err");
@@ -89,7 +90,7 @@ class Daemon : public ::testing::Test {
   }
   std::unique_ptr<Process> daemon(const std::vector<std::string>& more,
                                   void (*before_exec)() = nullptr) {
-    std::vector<std::string> command{CURLEW_PROGRAM, "run"};
+    std::vector<std::string> command{kProgram, "run"};
     command.insert(command.end(), more.begin(), more.end());
     return std::make_unique<Process>(command, scratch_ / "daemon.out", scratch_ / "daemon.err",
                                      before_exec);

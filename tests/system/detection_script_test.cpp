@@ -8,6 +8,7 @@
 #include <sstream>
 #include <string>
 
+#include "tests/support/paths.h"
 #include "tests/support/program.h"
 
 namespace curlew {
@@ -25,7 +26,7 @@ TEST(DetectionScript, QuickFormMeasuresEverything) {
 #endif
   const ScratchDirectory scratch;
   const std::string command = std::string("XDG_CACHE_HOME='") + scratch.path() +
-                              "/cache' CURLEW='" + CURLEW_PROGRAM + "' bash '" + CURLEW_SOURCE_DIR +
+                              "/cache' CURLEW='" + kProgram + "' bash '" + kSourceDir +
                               "/docs/detection.sh' --quick '" + scratch.path() + "/out' 2>&1";
   FILE* pipe = popen(command.c_str(), "r");
   ASSERT_NE(pipe, nullptr);

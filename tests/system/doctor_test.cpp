@@ -12,6 +12,7 @@
 #include "service/doctor/machine_check.h"
 #include "service/doctor/wakeup_jitter.h"
 #include "tests/support/ordinary_user.h"
+#include "tests/support/paths.h"
 #include "tests/support/program.h"
 
 namespace curlew {
@@ -511,7 +512,7 @@ TEST(Doctor, RefusesWhatItCannotRead) {
 }
 
 TEST(PackagedConfiguration, IsReadAndHoldsEverySettingAtItsDefault) {
-  const std::string file = CURLEW_SOURCE_DIR "/packaging/curlew.toml";
+  const std::string file = std::string(kSourceDir) + "/packaging/curlew.toml";
   Config expected;  // the defaults, except for the service's own folders and rights
   expected.daemon.sensor = "/etc/curlew/sensor.fits";
   expected.daemon.control = "/run/curlew/control";

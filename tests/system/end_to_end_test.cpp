@@ -7,6 +7,7 @@
 #include <regex>
 
 #include "acquisition/fits/fits_file.h"
+#include "tests/support/paths.h"
 #include "tests/support/program.h"
 
 namespace curlew {
@@ -155,7 +156,7 @@ TEST_F(EndToEnd, AstropyReadsEveryFileAndItsRecordingReplays) {
   run("replay beam.fits --sensor sensor.fits --false-alarms 1e-5 --out ours.fits --jsonl "
       "ours.jsonl --save "
       "slopes,flux,phase,solenoidal,circulation");
-  const std::string script = std::string("/usr/bin/python3 '") + CURLEW_SOURCE_DIR +
+  const std::string script = std::string("/usr/bin/python3 '") + kSourceDir +
                              "/tests/support/read_as_a_stranger.py' '" + scratch_.path() + "' 2>&1";
   FILE* pipe = popen(script.c_str(), "r");
   ASSERT_NE(pipe, nullptr);

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "acquisition/fits/fits_file.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/program.h"
 #include "tests/support/raw_fits.h"
@@ -229,8 +230,7 @@ TEST_F(HostileFiles, TheDaemonSurvivesThemWhenItReloads) {
   const std::string config = path("daemon.toml");
   const std::string sensor = path("live.fits");
   write_bytes(config, "[camera]\nsource = \"sim:plane\"\nframe_rate_hz = 50\n");
-  Process daemon({CURLEW_PROGRAM, "run", "--config", config}, path("daemon.out"),
-                 path("daemon.err"));
+  Process daemon({kProgram, "run", "--config", config}, path("daemon.out"), path("daemon.err"));
   ASSERT_TRUE(daemon.says("state=streaming", seconds(60))) << daemon.err();
 
   std::string text = read_bytes(path("sensor.fits"));
@@ -252,7 +252,7 @@ TEST_F(HostileFiles, TheDaemonSurvivesThemWhenItReloads) {
 
 /// The files that once hurt, where they are at hand.
 TEST_F(HostileFiles, ThoseThatOnceHurt) {
-  const std::filesystem::path given = CURLEW_SOURCE_DIR "/../shared/hostile";
+  const std::filesystem::path given = std::string(kSourceDir) + "/../shared/hostile";
   if (!std::filesystem::is_directory(given)) GTEST_SKIP() << given << " is not there";
   const ScratchDirectory own;
   for (const auto& entry : std::filesystem::directory_iterator(given))

@@ -19,6 +19,7 @@
 #include <thread>
 
 #include "service/daemon/control_socket.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/program.h"
 #include "tests/support/raw_fits.h"
@@ -42,7 +43,7 @@ class Interruption : public ::testing::Test {
 
   std::unique_ptr<Process> start(std::vector<std::string> arguments,
                                  void (*before_exec)() = nullptr) {
-    arguments.insert(arguments.begin(), CURLEW_PROGRAM);
+    arguments.insert(arguments.begin(), kProgram);
     return std::make_unique<Process>(arguments, scratch_ / "out", scratch_ / "err", before_exec);
   }
 
@@ -223,11 +224,11 @@ TEST_F(Interruption, AWallClockThatIsSetDisturbsNothing) {
                   "[recorder]\nmode = \"continuous\"\nmin_free_mb = 0\n"
                   "folder = \"" +
                   (scratch_ / "frames") + "\"\n");
-  Process curlew(
-      {"/usr/bin/env", "ASAN_OPTIONS=verify_asan_link_order=0", "LD_PRELOAD=" CURLEW_SHIFTED_CLOCK,
-       "CURLEW_CLOCK_SHIFT=" + (scratch_ / "shift"), "NOTIFY_SOCKET=" + notify,
-       "WATCHDOG_USEC=400000", CURLEW_PROGRAM, "run", "--config", scratch_ / "c.toml"},
-      scratch_ / "out", scratch_ / "err");
+  Process curlew({"/usr/bin/env", "ASAN_OPTIONS=verify_asan_link_order=0",
+                  std::string("LD_PRELOAD=") + kShiftedClock,
+                  "CURLEW_CLOCK_SHIFT=" + (scratch_ / "shift"), "NOTIFY_SOCKET=" + notify,
+                  "WATCHDOG_USEC=400000", kProgram, "run", "--config", scratch_ / "c.toml"},
+                 scratch_ / "out", scratch_ / "err");
   ASSERT_TRUE(curlew.says("state=streaming", seconds(30))) << curlew.err();
   const auto status = [&](const char* what) {
     return nlohmann::json::parse(ask_daemon(control, "status"))[what].get<std::int64_t>();

@@ -11,6 +11,7 @@
 #include "service/daemon/control_socket.h"
 #include "tests/support/fake_gige_camera.h"
 #include "tests/support/loopback.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/program.h"
 
@@ -65,7 +66,7 @@ class LiveReplay : public ::testing::Test {
 
   std::unique_ptr<Process> serve() {
     auto server = std::make_unique<Process>(
-        std::vector<std::string>{CURLEW_SERVE_GIGE, scratch_ / "beam.fits", "--rate", "150"},
+        std::vector<std::string>{kServeGige, scratch_ / "beam.fits", "--rate", "150"},
         scratch_ / "server.out", scratch_ / "server.err");
     EXPECT_TRUE(server->says("ready", seconds(20))) << server->err();
     return server;
@@ -119,7 +120,7 @@ TEST_F(LiveReplay, WhatFollowsTheFramesIsTheSameLiveAndInReplay) {
               "[camera]\ntimeout_s = 0.5\nmax_backoff_s = 0.2\n[daemon]\ncontrol = \"" +
                   (scratch_ / "control") + "\"\n");
   Process curlew(
-      {CURLEW_PROGRAM, "run", "--config", scratch_ / "live.toml", "--camera", "aravis:127.0.0.1",
+      {kProgram, "run", "--config", scratch_ / "live.toml", "--camera", "aravis:127.0.0.1",
        "--sensor", scratch_ / "sensor.fits", "--jsonl", scratch_ / "live.jsonl"},
       scratch_ / "daemon.out", scratch_ / "daemon.err");
   ASSERT_TRUE(curlew.says("state=searching", seconds(20))) << curlew.err();

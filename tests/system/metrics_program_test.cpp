@@ -5,6 +5,7 @@
 #include <regex>
 
 #include "tests/support/http.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/program.h"
 
@@ -22,7 +23,7 @@ int promtool(const std::string& arguments) {
 TEST(MetricsProgram, PromtoolAcceptsWhatTheDaemonSays) {
   const ScratchDirectory scratch;
   write_bytes(scratch / "c.toml", "[metrics]\nlisten = \"127.0.0.1:0\"\n");
-  Process curlew({CURLEW_PROGRAM, "run", "--camera", "sim:dipole", "--config", scratch / "c.toml"},
+  Process curlew({kProgram, "run", "--camera", "sim:dipole", "--config", scratch / "c.toml"},
                  scratch / "out", scratch / "err");
   ASSERT_TRUE(curlew.says("streaming", seconds(20))) << curlew.err();
   std::smatch port;
@@ -45,8 +46,7 @@ TEST(MetricsProgram, PromtoolAcceptsWhatTheDaemonSays) {
   const int verdict = promtool("check metrics <'" + (scratch / "metrics") + "'");
   if (verdict == 127) GTEST_SKIP() << "promtool is not installed";
   EXPECT_EQ(verdict, 0) << text;
-  EXPECT_EQ(
-      promtool(std::string("check rules '") + CURLEW_SOURCE_DIR + "/docs/metrics/alerts.yml'"), 0);
+  EXPECT_EQ(promtool(std::string("check rules '") + kSourceDir + "/docs/metrics/alerts.yml'"), 0);
 }
 
 TEST(MetricsProgram, AnAddressBeyondLoopbackHasToBeAllowed) {

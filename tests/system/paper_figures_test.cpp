@@ -9,6 +9,7 @@
 #include <sstream>
 #include <string>
 
+#include "tests/support/paths.h"
 #include "tests/support/program.h"
 
 namespace curlew {
@@ -37,9 +38,9 @@ TEST(PaperFigures, QuickFormPrintsTheValues) {
   GTEST_SKIP() << "minutes of propagation, which tests of the simulator try under sanitizers";
 #endif
   const ScratchDirectory scratch;
-  const std::string command = "/usr/bin/python3 '" CURLEW_SOURCE_DIR
-                              "/docs/paper_figures.py' '" CURLEW_PROGRAM "' '" +
-                              scratch.path() + "' --quick 2>&1";
+  const std::string command = std::string("/usr/bin/python3 '") + kSourceDir +
+                              "/docs/paper_figures.py' '" + kProgram + "' '" + scratch.path() +
+                              "' --quick 2>&1";
   FILE* pipe = popen(command.c_str(), "r");
   ASSERT_NE(pipe, nullptr);
   std::string said;

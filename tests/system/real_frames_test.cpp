@@ -9,6 +9,7 @@
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/recording/mean_image.h"
 #include "service/sensor/sensor_file.h"
+#include "tests/support/paths.h"
 #include "tests/support/program.h"
 
 namespace curlew {
@@ -24,9 +25,7 @@ constexpr RealFrame kFrames[] = {
     {"f5_hecto_ref", "--pitch-um 600 --focal-mm 40 --pixel-um 20 --wavelength-nm 600"},
     {"auto_wfs_0037_ave", "--pitch-um 600 --focal-mm 40 --pixel-um 20 --wavelength-nm 600"}};
 
-std::string path_of(const char* name) {
-  return std::string(CURLEW_FRAMES_DIR) + "/" + name + ".fits";
-}
+std::string path_of(const char* name) { return std::string(kFramesDir) + "/" + name + ".fits"; }
 
 class RealFrames : public ::testing::TestWithParam<RealFrame> {
  protected:

@@ -10,6 +10,7 @@
 #include "service/daemon/control_socket.h"
 #include "tests/support/failing_calls.h"
 #include "tests/support/http.h"
+#include "tests/support/paths.h"
 #include "tests/system/daemon_fixture.h"
 
 namespace curlew {
@@ -30,7 +31,7 @@ class SocketFaults : public Daemon {
     for (const std::string& of_before : {mark_, scratch_ / "daemon.out", scratch_ / "daemon.err"})
       std::filesystem::remove(of_before);
     const std::string line = "exec env " + failing_call(fault.call, fault.error, at, "", mark_) +
-                             "'" + CURLEW_PROGRAM + "' run " + arguments;
+                             "'" + kProgram + "' run " + arguments;
     return std::make_unique<Process>(std::vector<std::string>{"/bin/sh", "-c", line},
                                      scratch_ / "daemon.out", scratch_ / "daemon.err");
   }

@@ -18,6 +18,7 @@
 #include "acquisition/recording/mean_image.h"
 #include "tests/support/astropy_peer.h"
 #include "tests/support/failure_text.h"
+#include "tests/support/paths.h"
 #include "tests/support/raw_fits.h"
 #include "tests/support/scratch_directory.h"
 
@@ -433,8 +434,8 @@ TEST(MeanImage, IsTheMeanAndTheScatterOverFrames) {
 }
 
 TEST(FitsSource, RealFramesReplay) {
-  const std::string path = std::string(CURLEW_FRAMES_DIR) + "/mmirs_camera2_ref.fits";
-  if (!std::filesystem::exists(path)) GTEST_SKIP() << "no real frames at " << CURLEW_FRAMES_DIR;
+  const std::string path = std::string(kFramesDir) + "/mmirs_camera2_ref.fits";
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << "no real frames at " << kFramesDir;
   FitsSource source({path});
   const std::vector<double> values = replay_adu(source);
   const MeanImage mean = read_mean_image(path);

@@ -14,6 +14,7 @@
 #include "centroiding/calibration/calibrate.h"
 #include "centroiding/calibration/lenslet_grid_finder.h"
 #include "core/error.h"
+#include "tests/support/paths.h"
 
 namespace curlew {
 namespace {
@@ -26,7 +27,7 @@ struct SeenSpot {
 
 std::vector<SeenSpot> read_list(const std::string& name) {
   const std::string path =
-      std::string(CURLEW_SOURCE_DIR) + "/tests/centroiding/calibration/spots/" + name + ".txt";
+      std::string(kSourceDir) + "/tests/centroiding/calibration/spots/" + name + ".txt";
   std::ifstream file(path);
   EXPECT_TRUE(file.is_open()) << path;
   std::vector<SeenSpot> spots;
@@ -43,7 +44,7 @@ std::vector<SeenSpot> read_list(const std::string& name) {
 }
 
 std::string frame_path(const std::string& name) {
-  return std::string(CURLEW_FRAMES_DIR) + "/" + name + ".fits";
+  return std::string(kFramesDir) + "/" + name + ".fits";
 }
 
 Image<float> read_frame(const std::string& name) {
@@ -57,7 +58,7 @@ class RealFrames : public testing::Test {
  protected:
   void SetUp() override {
     if (!std::filesystem::exists(frame_path("f9_ref"))) {
-      GTEST_SKIP() << "no real frames in " << CURLEW_FRAMES_DIR;
+      GTEST_SKIP() << "no real frames in " << kFramesDir;
     }
   }
 };

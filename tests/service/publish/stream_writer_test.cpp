@@ -14,6 +14,7 @@
 #include "core/error.h"
 #include "core/utc_now.h"
 #include "tests/support/failure_text.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/scratch_directory.h"
 
@@ -78,7 +79,7 @@ class PublishedStreams : public ::testing::Test {
   StreamWriter writer() const { return StreamWriter(scratch_.path(), slopes()); }
   std::unique_ptr<Process> reader(int semaphore, int updates) const {
     return std::make_unique<Process>(
-        std::vector<std::string>{CURLEW_STREAM_READER, file(), std::to_string(semaphore),
+        std::vector<std::string>{kStreamReader, file(), std::to_string(semaphore),
                                  std::to_string(updates)},
         scratch_ / "reader.out", scratch_ / "reader.err");
   }

@@ -30,6 +30,7 @@
 #include "tests/support/failure_text.h"
 #include "tests/support/found_recordings.h"
 #include "tests/support/numbered_frames.h"
+#include "tests/support/paths.h"
 #include "tests/support/scratch_directory.h"
 
 namespace curlew {
@@ -668,7 +669,7 @@ class Recording {
     if (child_ != 0) return;
     const int out = open((folder_ + ".txt").c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
     dup2(out, STDOUT_FILENO);
-    execl(CURLEW_RECORD_FOREVER, CURLEW_RECORD_FOREVER, folder_.c_str(), nullptr);
+    execl(kRecordForever, kRecordForever, folder_.c_str(), nullptr);
     _exit(127);
   }
   void kill_it() {
