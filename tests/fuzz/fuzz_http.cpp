@@ -17,6 +17,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t siz
   const HttpRequest& request = parsed.request;
   if (parsed.used > size || request.body.size() > kLongestBody) __builtin_trap();
   if (request.path.empty() || request.path.front() != '/') __builtin_trap();
+  if (request.header("host").size() + request.asked("a").size() > size) __builtin_trap();
   // What follows a request does not change it, and it is complete with its last byte only.
   if (parse_request(text.substr(0, parsed.used)).used != parsed.used) __builtin_trap();
   if (parse_request(text.substr(0, parsed.used - 1)).state == HttpParse::kComplete)

@@ -1,7 +1,8 @@
 // Preloaded, this makes one call of a program fail: the CURLEW_FAIL_AT-th call (from 1) of
 // CURLEW_FAIL_CALL on a file whose path contains CURLEW_FAIL_PATH, or on a socket where that is
 // empty. It fails with the error number CURLEW_FAIL_WITH; with 0 a write takes half of its bytes.
-// It then makes the file CURLEW_FAIL_MARK.
+// It then makes the file CURLEW_FAIL_MARK. With CURLEW_FAIL_EVERY every so many-th call after it
+// fails as well.
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <poll.h>
@@ -41,7 +42,9 @@ bool fails(const char* call, const std::string& path) {
   static std::atomic<int> calls{0};
   if (std::strcmp(call, setting("CURLEW_FAIL_CALL")) != 0) return false;
   if (path.find(setting("CURLEW_FAIL_PATH")) == std::string::npos) return false;
-  if (++calls != std::atoi(setting("CURLEW_FAIL_AT"))) return false;
+  const int after = ++calls - std::atoi(setting("CURLEW_FAIL_AT"));
+  const int every = std::atoi(setting("CURLEW_FAIL_EVERY"));
+  if (after != 0 && (after < 0 || every == 0 || after % every != 0)) return false;
   const int mark = creat(setting("CURLEW_FAIL_MARK"), 0600);
   next<int(int)>("close")(mark);
   errno = std::atoi(setting("CURLEW_FAIL_WITH"));
