@@ -4,7 +4,7 @@ namespace curlew {
 
 const char* const kSourceDir = CURLEW_SOURCE_DIR;
 const char* const kFramesDir = CURLEW_SOURCE_DIR "/../shared/frames";
-const char* const kProgram = CURLEW_PROGRAM;
+const char* const kCurlewProgram = CURLEW_PROGRAM;
 const char* const kServeGige = CURLEW_SERVE_GIGE;
 const char* const kRecordForever = CURLEW_RECORD_FOREVER;
 const char* const kStreamReader = CURLEW_STREAM_READER;

@@ -5,8 +5,8 @@
 namespace curlew {
 
 extern const char* const kSourceDir;
-extern const char* const kFramesDir;  ///< real frames, beside the sources
-extern const char* const kProgram;    ///< curlew
+extern const char* const kFramesDir;      ///< real frames, beside the sources
+extern const char* const kCurlewProgram;  ///< curlew
 extern const char* const kServeGige;
 extern const char* const kRecordForever;
 extern const char* const kStreamReader;

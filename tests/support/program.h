@@ -21,9 +21,9 @@ struct ProgramRun {
 inline ProgramRun run_curlew(const ScratchDirectory& directory, const std::string& arguments,
                              const std::string& prefix = "") {
   const ScratchDirectory streams;
-  const std::string line = "cd '" + directory.path() + "' && " + prefix + " '" + kProgram + "' " +
-                           arguments + " >'" + (streams / "out") + "' 2>'" + (streams / "err") +
-                           "'";
+  const std::string line = "cd '" + directory.path() + "' && " + prefix + " '" + kCurlewProgram +
+                           "' " + arguments + " >'" + (streams / "out") + "' 2>'" +
+                           (streams / "err") + "'";
   const int status = std::system(line.c_str());
   ProgramRun run;
   run.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);

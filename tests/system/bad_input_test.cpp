@@ -219,7 +219,7 @@ TEST_F(BadInput, OnlyRegularFilesAreEverReplaced) {
 
 TEST_F(BadInput, WithoutStandardDescriptorsNothingStrayIsWritten) {
   for (const std::string closed : {"<&-", ">&-", "2>&-", "<&- >&- 2>&-"}) {
-    const std::string line = "cd '" + scratch_.path() + "' && '" + kProgram +
+    const std::string line = "cd '" + scratch_.path() + "' && '" + kCurlewProgram +
                              "' replay ref.fits --sensor sensor.fits --force --out new.fits "
                              "--jsonl new.jsonl " +
                              closed + (closed.find('>') == std::string::npos ? " >/dev/null" : "");
@@ -248,7 +248,7 @@ TEST_F(BadInput, StandardOutputTakesOnlyTheLines) {
 }
 
 TEST_F(BadInput, OutputThatNobodyTakes) {
-  const std::string line = "cd '" + scratch_.path() + "' && '" + kProgram +
+  const std::string line = "cd '" + scratch_.path() + "' && '" + kCurlewProgram +
                            "' replay ref.fits --sensor sensor.fits >/dev/full 2>err";
   EXPECT_EQ(WEXITSTATUS(std::system(line.c_str())), 1);
   EXPECT_NE(read_bytes(scratch_ / "err").find("standard output"), std::string::npos);

@@ -90,7 +90,7 @@ class Daemon : public ::testing::Test {
   }
   std::unique_ptr<Process> daemon(const std::vector<std::string>& more,
                                   void (*before_exec)() = nullptr) {
-    std::vector<std::string> command{kProgram, "run"};
+    std::vector<std::string> command{kCurlewProgram, "run"};
     command.insert(command.end(), more.begin(), more.end());
     return std::make_unique<Process>(command, scratch_ / "daemon.out", scratch_ / "daemon.err",
                                      before_exec);

@@ -26,7 +26,7 @@ TEST(DetectionScript, QuickFormMeasuresEverything) {
 #endif
   const ScratchDirectory scratch;
   const std::string command = std::string("XDG_CACHE_HOME='") + scratch.path() +
-                              "/cache' CURLEW='" + kProgram + "' bash '" + kSourceDir +
+                              "/cache' CURLEW='" + kCurlewProgram + "' bash '" + kSourceDir +
                               "/docs/detection.sh' --quick '" + scratch.path() + "/out' 2>&1";
   FILE* pipe = popen(command.c_str(), "r");
   ASSERT_NE(pipe, nullptr);

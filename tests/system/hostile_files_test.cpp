@@ -241,7 +241,8 @@ TEST_F(HostileFiles, TheDaemonSurvivesThemWhenItReloads) {
   const std::string config = path("daemon.toml");
   const std::string sensor = path("live.fits");
   write_bytes(config, "[camera]\nsource = \"sim:plane\"\nframe_rate_hz = 50\n");
-  Process daemon({kProgram, "run", "--config", config}, path("daemon.out"), path("daemon.err"));
+  Process daemon({kCurlewProgram, "run", "--config", config}, path("daemon.out"),
+                 path("daemon.err"));
   ASSERT_TRUE(daemon.says("state=streaming", seconds(60))) << daemon.err();
 
   std::string text = read_bytes(path("sensor.fits"));

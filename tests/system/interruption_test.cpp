@@ -43,7 +43,7 @@ class Interruption : public ::testing::Test {
 
   std::unique_ptr<Process> start(std::vector<std::string> arguments,
                                  void (*before_exec)() = nullptr) {
-    arguments.insert(arguments.begin(), kProgram);
+    arguments.insert(arguments.begin(), kCurlewProgram);
     return std::make_unique<Process>(arguments, scratch_ / "out", scratch_ / "err", before_exec);
   }
 
@@ -227,7 +227,7 @@ TEST_F(Interruption, AWallClockThatIsSetDisturbsNothing) {
   Process curlew({"/usr/bin/env", "ASAN_OPTIONS=verify_asan_link_order=0",
                   std::string("LD_PRELOAD=") + kShiftedClock,
                   "CURLEW_CLOCK_SHIFT=" + (scratch_ / "shift"), "NOTIFY_SOCKET=" + notify,
-                  "WATCHDOG_USEC=400000", kProgram, "run", "--config", scratch_ / "c.toml"},
+                  "WATCHDOG_USEC=400000", kCurlewProgram, "run", "--config", scratch_ / "c.toml"},
                  scratch_ / "out", scratch_ / "err");
   ASSERT_TRUE(curlew.says("state=streaming", seconds(30))) << curlew.err();
   const auto status = [&](const char* what) {

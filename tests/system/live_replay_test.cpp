@@ -120,7 +120,7 @@ TEST_F(LiveReplay, WhatFollowsTheFramesIsTheSameLiveAndInReplay) {
               "[camera]\ntimeout_s = 0.5\nmax_backoff_s = 0.2\n[daemon]\ncontrol = \"" +
                   (scratch_ / "control") + "\"\n");
   Process curlew(
-      {kProgram, "run", "--config", scratch_ / "live.toml", "--camera", "aravis:127.0.0.1",
+      {kCurlewProgram, "run", "--config", scratch_ / "live.toml", "--camera", "aravis:127.0.0.1",
        "--sensor", scratch_ / "sensor.fits", "--jsonl", scratch_ / "live.jsonl"},
       scratch_ / "daemon.out", scratch_ / "daemon.err");
   ASSERT_TRUE(curlew.says("state=searching", seconds(20))) << curlew.err();

@@ -23,7 +23,7 @@ int promtool(const std::string& arguments) {
 TEST(MetricsProgram, PromtoolAcceptsWhatTheDaemonSays) {
   const ScratchDirectory scratch;
   write_bytes(scratch / "c.toml", "[metrics]\nlisten = \"127.0.0.1:0\"\n");
-  Process curlew({kProgram, "run", "--camera", "sim:dipole", "--config", scratch / "c.toml"},
+  Process curlew({kCurlewProgram, "run", "--camera", "sim:dipole", "--config", scratch / "c.toml"},
                  scratch / "out", scratch / "err");
   ASSERT_TRUE(curlew.says("streaming", seconds(20))) << curlew.err();
   std::smatch port;

@@ -39,8 +39,8 @@ TEST(PaperFigures, QuickFormPrintsTheValues) {
 #endif
   const ScratchDirectory scratch;
   const std::string command = std::string("/usr/bin/python3 '") + kSourceDir +
-                              "/docs/paper_figures.py' '" + kProgram + "' '" + scratch.path() +
-                              "' --quick 2>&1";
+                              "/docs/paper_figures.py' '" + kCurlewProgram + "' '" +
+                              scratch.path() + "' --quick 2>&1";
   FILE* pipe = popen(command.c_str(), "r");
   ASSERT_NE(pipe, nullptr);
   std::string said;

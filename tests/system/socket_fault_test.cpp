@@ -34,7 +34,7 @@ class SocketFaults : public Daemon {
     for (const std::string& of_before : {mark_, scratch_ / "daemon.out", scratch_ / "daemon.err"})
       std::filesystem::remove(of_before);
     const std::string line = "exec env " + failing_call(fault.call, fault.error, at, "", mark_) +
-                             "CURLEW_FAIL_EVERY=" + std::to_string(every) + " '" + kProgram +
+                             "CURLEW_FAIL_EVERY=" + std::to_string(every) + " '" + kCurlewProgram +
                              "' run " + arguments;
     return std::make_unique<Process>(std::vector<std::string>{"/bin/sh", "-c", line},
                                      scratch_ / "daemon.out", scratch_ / "daemon.err");

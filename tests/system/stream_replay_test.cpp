@@ -66,8 +66,8 @@ TEST_F(StreamReplay, ResultsAreThoseOfTheFile) {
                                         "",
                                         ""});
   const std::string file = scratch_ / "rtc.im.shm";
-  Process curlew({kProgram, "run", "--camera", "isio:" + file, "--sensor", scratch_ / "sensor.fits",
-                  "--jsonl", scratch_ / "live.jsonl", "--frames", "100"},
+  Process curlew({kCurlewProgram, "run", "--camera", "isio:" + file, "--sensor",
+                  scratch_ / "sensor.fits", "--jsonl", scratch_ / "live.jsonl", "--frames", "100"},
                  scratch_ / "out", scratch_ / "err");
   ASSERT_TRUE(curlew.says("streaming", seconds(20))) << curlew.err();
   // The stream's counter begins at 1, and its update n shows image (n − 1) modulo kFrames.
