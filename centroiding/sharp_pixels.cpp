@@ -172,7 +172,6 @@ int find_sharp_pixels_rows(const SharpPixelPlan& plan, const CentroidPlan& centr
   }
   if (ready == frame.rows) looked_at = ready;
   mark_unsearched(sharp.candidates, windows, sharp);
-  mark_unsearched(sharp.clump_candidates, windows, sharp);
 
   const auto look_at_each = [&](const FixedList<SharpPixel>& candidates, std::size_t& assigned,
                                 const auto& look) {
