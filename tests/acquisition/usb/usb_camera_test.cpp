@@ -265,14 +265,15 @@ TEST_F(UsbCamera, UnpluggedAtRandomMomentsAlsoInOpeningAndStopping) {
   // This keeps libusb's socket for news open, because umockdev aborts if one closes while it sends.
   const UsbWatcher watcher([](UsbChange) {});
   int opened = 0;
-  for (int round = 0; round < 20; ++round) {
+  for (unsigned round = 0; round < 20 || (opened == 0 && round < 200); ++round) {
     device_->plug();
     std::thread sender([&] {
       for (std::uint32_t n = 0; device_->send(kEndpoint, stream_frame(layout, n), true); ++n) {
         std::this_thread::sleep_for(std::chrono::microseconds(200));
       }
     });
-    const auto delay = std::chrono::microseconds(random() % 15000);
+    // A machine that is slow to open the camera gets more time after twenty rounds.
+    const auto delay = std::chrono::microseconds(random() % (15000 * (1 + round / 20)));
     std::thread hand([&] {
       std::this_thread::sleep_for(delay);
       device_->unplug();
