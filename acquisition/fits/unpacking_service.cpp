@@ -25,7 +25,7 @@ constexpr rlim_t kMemory_bytes = 512U << 20U;
 
 // From now on this process may use so much processor time and is then ended by SIGPROF; 0 is for
 // ever.
-void limit_time(std::int32_t longest_ms) {
+void limit_time(std::int64_t longest_ms) {
   const itimerval limit{{0, 0}, {longest_ms / 1000, longest_ms % 1000 * 1000}};
   setitimer(ITIMER_PROF, &limit, nullptr);
 }
