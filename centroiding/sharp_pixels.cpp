@@ -63,7 +63,8 @@ void mark_broken(SharpPixels& sharp, std::size_t k) noexcept {
 }
 
 /// Marks the lenslets that reach below the last candidate of a full list, where not all pixels were
-/// looked at.
+/// looked at. The list for clumps is another matter: spots that are bright and finely sampled fill
+/// it with pixels that are none, and clumps that do not fit are not seen.
 void mark_unsearched(const FixedList<SharpPixel>& candidates,
                      const Image<CentroidPlan::Spot>& windows, SharpPixels& sharp) noexcept {
   if (candidates.size() < candidates.capacity()) return;
