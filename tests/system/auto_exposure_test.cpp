@@ -28,14 +28,16 @@ std::int64_t count_of(const std::string& text, const std::string& what) {
   return n;
 }
 
-/// Runs the daemon for five seconds on a simulated camera with this exposure; 1000 us is right.
+/// Runs the daemon for some seconds on a simulated camera with this exposure; 1000 us is right. A
+/// sanitized one may take six of them to draw the camera's frames.
 Watched watch(const std::string& exposure_us, const std::string& more = "") {
   const ScratchDirectory scratch;
   write_bytes(scratch / "c.toml",
               "[camera]\nsource = \"sim:plane\"\nframe_rate_hz = 100\nauto_exposure = true\n"
               "exposure_us = " +
                   exposure_us + "\n" + more);
-  const ProgramRun run = run_curlew(scratch, "run --config c.toml --jsonl lines.jsonl --seconds 5");
+  const ProgramRun run = run_curlew(scratch, "run --config c.toml --jsonl lines.jsonl --seconds " +
+                                                 std::string(kSanitized ? "14" : "5"));
   EXPECT_EQ(run.exit_code, 0) << run.err;
   Watched watched{.lines = json_lines(scratch / "lines.jsonl"), .err = run.err};
   watched.changes = count_of(run.err, "us instead of");
