@@ -7,12 +7,11 @@
 
 namespace curlew {
 
-void become_polite(const char* name) noexcept {
-  constexpr int kNice = 5;
+void become_polite(const char* name, int nice) noexcept {
   pthread_setname_np(pthread_self(), name);
   const sched_param none{};
   sched_setscheduler(0, SCHED_OTHER, &none);
-  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), kNice);
+  setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), nice);
 }
 
 }  // namespace curlew

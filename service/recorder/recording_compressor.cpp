@@ -1,27 +1,16 @@
 #include "service/recorder/recording_compressor.h"
 
 #include <fmt/format.h>
-#include <pthread.h>
-#include <sched.h>
 
 #include <exception>
 #include <filesystem>
 #include <utility>
 
 #include "acquisition/recording/compressed_recording.h"
+#include "core/polite_thread.h"
 #include "service/program/version.h"
 
 namespace curlew {
-namespace {
-
-void become_idle() {
-  pthread_setname_np(pthread_self(), "compressor");
-  const sched_param none{};
-  // Where the system refuses this, the thread only takes more time from the others.
-  sched_setscheduler(0, SCHED_IDLE, &none);
-}
-
-}  // namespace
 
 RecordingCompressor::RecordingCompressor(std::int64_t min_free_bytes,
                                          std::function<void(const std::string&)> log)
@@ -38,7 +27,7 @@ void RecordingCompressor::add(const std::string& path) {
 }
 
 void RecordingCompressor::run(const std::stop_token& stop) {
-  become_idle();
+  become_polite("compressor", 19);
   while (true) {
     std::string path;
     {
