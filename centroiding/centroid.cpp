@@ -23,6 +23,7 @@
 #include "centroiding/window_pass-inl.h"
 #include "core/as_size.h"
 #include "core/size_check.h"
+#include "core/team.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -93,7 +94,7 @@ class Kernel {
     for (int i = 0; i < strip.n; ++i) {
       const int k = strip.first + i;
       const bool hit = any_hit && (sharp->first[as_size(k)] >= 0 || sharp->broken[as_size(k)] != 0);
-      if (hit || (saturated >> static_cast<unsigned>(i) & 1U) != 0) measure_again(k);
+      if (hit || (saturated >> static_cast<unsigned>(i) & 1U) != 0) measure_one(as_size(k));
     }
   }
 
@@ -145,25 +146,18 @@ class Kernel {
       if (conditions_.cores) {
         if (out_.state[static_cast<std::size_t>(k)] == LensletState::kValid) measure_core(k);
       } else if (conditions_.only != nullptr) {
-        if ((*conditions_.only)[static_cast<std::size_t>(k)] != 0) measure_again(k);
+        if ((*conditions_.only)[static_cast<std::size_t>(k)] != 0) measure_one(as_size(k));
       } else {
         measure_one(static_cast<std::size_t>(k));
       }
     }
   }
 
-  void measure_again(int lenslet) {
-    const auto k = static_cast<std::size_t>(lenslet);
-    out_.n_valid -= out_.state[k] == LensletState::kValid ? 1 : 0;
-    out_.n_saturated -= out_.state[k] == LensletState::kSaturated ? 1 : 0;
-    measure_one(k);
-  }
-
   void measure_core(int lenslet) {
     const auto k = static_cast<std::size_t>(lenslet);
     const float flux_adu = out_.flux_adu[k];
     const float xx_px2 = out_.xx_px2[k], yy_px2 = out_.yy_px2[k], xy_px2 = out_.xy_px2[k];
-    measure_again(lenslet);
+    measure_one(k);
     out_.flux_adu[k] = flux_adu;
     out_.xx_px2[k] = xx_px2;
     out_.yy_px2[k] = yy_px2;
@@ -246,16 +240,37 @@ namespace curlew {
 
 HWY_EXPORT(measure);
 
+namespace {
+
+/// Adds `one` for each valid and each saturated lenslet of rows [first, last) to the counts.
+void count_states(int first, int last, int one, Centroids& centroids) noexcept {
+  const std::ptrdiff_t cols = centroids.state.cols();
+  const auto begin = centroids.state.begin() + first * cols;
+  const auto end = centroids.state.begin() + last * cols;
+  const auto count = [&](LensletState state) {
+    return one * static_cast<int>(std::count(begin, end, state));
+  };
+  centroids.n_valid += count(LensletState::kValid);
+  centroids.n_saturated += count(LensletState::kSaturated);
+}
+
+}  // namespace
+
 void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
                          Centroids& centroids, const FrameConditions& conditions) noexcept {
   check_size("find_centroids", "a frame", {frame.rows, frame.cols},
              {plan.frame_rows, plan.frame_cols});
   check_size("find_centroids", "centroids", size_of(centroids.state), size_of(plan.spots));
-  if (first == 0 && conditions.only == nullptr && !conditions.cores)
+  if (conditions.only != nullptr || conditions.cores)
+    count_states(first, last, -1, centroids);
+  else if (first == 0)
     centroids.n_valid = centroids.n_saturated = 0;
-  HWY_DYNAMIC_DISPATCH(measure)(plan, frame, first, last, conditions, centroids);
-  if (!is_centre_of_gravity(plan.method))
-    find_positions(plan, frame, first, last, centroids, conditions);
+  share_rows(conditions.team, first, last, [&](int, int begin, int end) {
+    HWY_DYNAMIC_DISPATCH(measure)(plan, frame, begin, end, conditions, centroids);
+    if (!is_centre_of_gravity(plan.method))
+      find_positions(plan, frame, begin, end, centroids, conditions);
+  });
+  count_states(first, last, 1, centroids);
 }
 
 void find_centroids(const CentroidPlan& plan, FrameView frame, Centroids& centroids,

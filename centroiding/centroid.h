@@ -16,6 +16,7 @@
 
 namespace curlew {
 
+class Team;          // core/team.h
 struct FrameLevels;  // frame_level.h
 struct SharpPixels;  // sharp_pixels.h
 
@@ -130,6 +131,7 @@ struct FrameConditions {
   /// Measures the positions of the valid spots again, with the plan's core_threshold as the
   /// relative threshold.
   bool cores = false;
+  Team* team = nullptr;  ///< shares the work, where there is one
 };
 
 /// Returns where the windows are, [rows, cols] of lenslets.
@@ -169,7 +171,7 @@ void find_core_positions(const CentroidPlan& plan, FrameView frame, Centroids& c
 
 /// Measures lenslet rows [first, last) only, for frames that are still arriving. It reads the
 /// frame's first plan.frame_rows_needed(last − 1) rows and no more. The rows must be measured in
-/// ascending order, because n_valid and n_saturated start again at row 0.
+/// ascending order, because n_valid and n_saturated start again at row 0. A team changes no bit.
 void find_centroids_rows(const CentroidPlan& plan, FrameView frame, int first, int last,
                          Centroids& centroids, const FrameConditions& conditions = {}) noexcept;
 

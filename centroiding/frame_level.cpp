@@ -9,6 +9,7 @@
 #include "core/as_size.h"
 #include "core/median.h"
 #include "core/size_check.h"
+#include "core/team.h"
 
 namespace curlew {
 namespace {
@@ -197,7 +198,7 @@ LevelPlan::LevelPlan(const Sensor& sensor, const CentroidPlan& centroid,
 }
 
 void LevelPlan::place(const CentroidPlan& centroid, const LowOrders& model,
-                      std::vector<LevelPixel>& pixels) const noexcept {
+                      std::vector<LevelPixel>& pixels, Team* team) const noexcept {
   const int reach = std::max(1, static_cast<int>(0.5 * grid_.pitch_px()));
   const int across = std::min(block_side_px_, 3);  // pixels looked at along an axis
   const double step = across > 1 ? (block_side_px_ - 1.0) / (across - 1) : 0.0;
@@ -205,8 +206,8 @@ void LevelPlan::place(const CentroidPlan& centroid, const LowOrders& model,
   for (int i = 0; i < across; ++i) offsets[as_size(i)] = static_cast<int>(std::lround(step * i));
   // What is extrapolated into the dark may be anything.
   const float limit = 4.0F * static_cast<float>(grid_.pitch_px());
-  LevelPixel* pixel = pixels.data();
-  for (int r = 0; r <= rows_; ++r) {
+  const auto place_row = [&](int r) {
+    LevelPixel* pixel = pixels.data() + as_size(r) * as_size(cols_ + 1) * as_size(block_pixels_);
     const LowOrders::Row displacements =
         model.along(model_coordinate(static_cast<float>(r) - 0.5F, rows_));
     for (int c = 0; c <= cols_; ++c) {
@@ -224,7 +225,10 @@ void LevelPlan::place(const CentroidPlan& centroid, const LowOrders& model,
           *pixel++ = good_pixel_near(centroid, left + offsets[as_size(column)],
                                      top + offsets[as_size(row)], reach);
     }
-  }
+  };
+  share_rows(team, 0, rows_ + 1, [&](int, int first, int last) {
+    for (int r = first; r < last; ++r) place_row(r);
+  });
 }
 
 FrameLevels::FrameLevels(const LevelPlan& plan)
@@ -243,17 +247,18 @@ void begin_levels(FrameLevels& levels) noexcept {
 }
 
 void measure_level_rows(const LevelPlan& plan, const std::vector<LevelPixel>& pixels,
-                        FrameView frame, int corner_rows, FrameLevels& levels) noexcept {
+                        FrameView frame, int corner_rows, FrameLevels& levels,
+                        Team* team) noexcept {
   check_size("measure_levels", "a frame", {frame.rows, frame.cols},
              {plan.frame_rows(), plan.frame_cols()});
   check_size("measure_levels", "levels", size_of(levels.level), size_of(plan));
   if (corner_rows <= levels.corner_rows) return;
-  if (frame.pixel_type == PixelType::kU16)
-    measure_blocks(plan, pixels.data(), frame.data<std::uint16_t>(), levels.corner_rows,
-                   corner_rows, levels);
-  else
-    measure_blocks(plan, pixels.data(), frame.data<std::uint8_t>(), levels.corner_rows, corner_rows,
-                   levels);
+  share_rows(team, levels.corner_rows, corner_rows, [&](int, int first, int last) {
+    if (frame.pixel_type == PixelType::kU16)
+      measure_blocks(plan, pixels.data(), frame.data<std::uint16_t>(), first, last, levels);
+    else
+      measure_blocks(plan, pixels.data(), frame.data<std::uint8_t>(), first, last, levels);
+  });
   levels.corner_rows = corner_rows;
   for (; levels.raw_rows + 1 < corner_rows; ++levels.raw_rows) {
     const int r = levels.raw_rows;
@@ -305,9 +310,9 @@ void go_by(const LevelPlan& plan, const LevelForecast& forecast, FrameLevels& le
 }
 
 void measure_levels(const LevelPlan& plan, const std::vector<LevelPixel>& pixels, FrameView frame,
-                    FrameLevels& levels) noexcept {
+                    FrameLevels& levels, Team* team) noexcept {
   begin_levels(levels);
-  measure_level_rows(plan, pixels, frame, plan.rows() + 1, levels);
+  measure_level_rows(plan, pixels, frame, plan.rows() + 1, levels, team);
   finish_levels(plan, levels);
 }
 

@@ -33,8 +33,8 @@ class LevelPlan {
   /// Sets the pixels of all blocks where the spots are moved by the model's displacements. Bad
   /// pixels are replaced by good ones near by, and corners beyond the frame by its rim. `pixels`
   /// must be of the size of pixels().
-  void place(const CentroidPlan& centroid, const LowOrders& model,
-             std::vector<LevelPixel>& pixels) const noexcept;
+  void place(const CentroidPlan& centroid, const LowOrders& model, std::vector<LevelPixel>& pixels,
+             Team* team = nullptr) const noexcept;
 
   int frame_rows() const { return frame_rows_; }
   int frame_cols() const { return frame_cols_; }
@@ -117,12 +117,13 @@ struct FrameLevels {
 /// what it is. Spots, hot pixels and cosmic rays that reach less than half of the blocks do not
 /// count. The noise is the rms of the blocks' pixels about the level, beyond 3 σ cut off.
 void measure_levels(const LevelPlan& plan, const std::vector<LevelPixel>& pixels, FrameView frame,
-                    FrameLevels& levels) noexcept;
+                    FrameLevels& levels, Team* team = nullptr) noexcept;
 
 /// Measures as many rows of the level as the first `corner_rows` rows of blocks allow, for frames
 /// that are still arriving. FrameLevels::rows says how many these are, and begins at 0.
 void measure_level_rows(const LevelPlan& plan, const std::vector<LevelPixel>& pixels,
-                        FrameView frame, int corner_rows, FrameLevels& levels) noexcept;
+                        FrameView frame, int corner_rows, FrameLevels& levels,
+                        Team* team = nullptr) noexcept;
 
 /// Finds the noise and what follows from it, once all rows are measured.
 void finish_levels(const LevelPlan& plan, FrameLevels& levels) noexcept;

@@ -198,16 +198,16 @@ const Centroids& WindowFollower::measure_spots(const CentroidPlan& plan,
     return_windows();
     begin_levels(levels);
   }
-  measure_level_rows(level_plan, blocks_, frame, windows_.rows() + 1, levels);
+  measure_level_rows(level_plan, blocks_, frame, windows_.rows() + 1, levels, team_);
   finish_levels(level_plan, levels);
   if (!go_by_forecast(level_plan, levels)) give_up();
   if (!ahead_.begun) {
     begin_sharp_pixels(sharp);
     tell_windows(centroids);
   }
-  find_sharp_pixels_rows(sharp_plan, plan, windows_, frame, frame.rows, levels, sharp);
+  find_sharp_pixels_rows(sharp_plan, plan, windows_, frame, frame.rows, levels, sharp, team_);
   find_centroids_rows(plan, frame, ahead_.rows, windows_.rows(), centroids,
-                      {&levels, &sharp, &windows_, nullptr, &strips_});
+                      {&levels, &sharp, &windows_, nullptr, &strips_, false, team_});
   const Ahead ahead = std::exchange(ahead_, {});
   std::fill(row_changed_.begin(), row_changed_.begin() + ahead.centred, std::uint8_t{0});
   std::fill(row_changed_.begin() + ahead.centred, row_changed_.end(), std::uint8_t{1});
@@ -255,7 +255,9 @@ void WindowFollower::centre_spots(const CentroidPlan& plan, const SharpPixelPlan
   }
   if (!any_due) return;
   assign_sharp_pixels(sharp_plan, plan, centred_, frame, levels, sharp);
-  find_centroids(plan, frame, centroids, {&levels, &sharp, &centred_, &due_});
+  find_centroids(
+      plan, frame, centroids,
+      {.levels = &levels, .sharp = &sharp, .windows = &centred_, .only = &due_, .team = team_});
   due_.fill(0);
 }
 

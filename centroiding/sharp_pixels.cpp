@@ -14,6 +14,7 @@
 #include "centroiding/pixel_search.h"
 #include "core/as_size.h"
 #include "core/size_check.h"
+#include "core/team.h"
 
 namespace curlew {
 namespace {
@@ -75,6 +76,22 @@ void mark_unsearched(const FixedList<SharpPixel>& candidates,
   }
 }
 
+/// Calls find(begin, end, list) for rows [first, last), and adds what was found to `candidates` in
+/// the order of rows, whoever found it.
+template <typename Find>
+void search_rows(Team* team, int first, int last, std::vector<FixedList<SharpPixel>>& parts,
+                 FixedList<SharpPixel>& candidates, const Find& find) noexcept {
+  if (team == nullptr) return find(first, last, candidates);
+  for (FixedList<SharpPixel>& part : parts) part.clear();
+  share_rows(team, first, last,
+             [&](int piece, int begin, int end) { find(begin, end, parts[as_size(piece)]); });
+  const bool fits = std::all_of(parts.begin(), parts.end(),
+                                [](const auto& part) { return part.overflow() == 0; });
+  if (!fits) return find(first, last, candidates);
+  for (const FixedList<SharpPixel>& part : parts)
+    for (const SharpPixel& found : part) candidates.push(found);
+}
+
 void forget_lenslets(SharpPixels& sharp) noexcept {
   sharp.pixels.clear();
   sharp.first.fill(-1);
@@ -134,6 +151,7 @@ SharpPixels::SharpPixels(int rows, int cols)
     : pixels(4 * as_size(rows) * as_size(cols) + 64),
       candidates(16 * as_size(rows) * as_size(cols) + 64),
       clump_candidates(pixels.capacity()),
+      parts(kTeamPieces, FixedList<SharpPixel>(as_size(rows) * as_size(cols) / 4 + 64)),
       first(rows, cols, -1),
       broken(rows, cols) {}
 
@@ -146,28 +164,28 @@ void begin_sharp_pixels(SharpPixels& sharp) noexcept {
 
 int find_sharp_pixels_rows(const SharpPixelPlan& plan, const CentroidPlan& centroid,
                            const Image<CentroidPlan::Spot>& windows, FrameView frame, int ready,
-                           const FrameLevels& levels, SharpPixels& sharp) noexcept {
+                           const FrameLevels& levels, SharpPixels& sharp, Team* team) noexcept {
   check_size("find_sharp_pixels", "a frame", {frame.rows, frame.cols},
              {centroid.frame_rows, centroid.frame_cols});
   check_size("find_sharp_pixels", "lenslets", size_of(sharp.first), size_of(centroid.spots));
   check_size("find_sharp_pixels", "windows", size_of(windows), size_of(centroid.spots));
   // The rows below each must be there, and those at the frame's rim have too few neighbours.
-  const auto search = [&](int reach, int& done, const auto& find) {
+  const auto search = [&](int reach, int& done, auto& candidates, const auto& find) {
     constexpr std::int64_t kLanes = 32;  // Before the frame is whole, a vector must fit.
     const int first = std::max(done, reach);
     const int last = ready - reach;
     const bool wide = std::int64_t{frame.cols} * (last - reach) >= kLanes;
     if (first >= last || !(wide || ready == frame.rows)) return;
-    find(first, last);
+    search_rows(team, first, last, sharp.parts, candidates, find);
     done = last;
   };
-  search(1, sharp.pixel_rows, [&](int first, int last) {
-    search_faults(frame, first, last, rough_faults(plan, levels), sharp.candidates);
+  search(1, sharp.pixel_rows, sharp.candidates, [&](int first, int last, auto& found) {
+    search_faults(frame, first, last, rough_faults(plan, levels), found);
   });
   int looked_at = sharp.pixel_rows;
   if (plan.clump_sharpness > 0.0F) {
-    search(2, sharp.clump_rows, [&](int first, int last) {
-      search_clumps(frame, first, last, rough_clumps(plan, levels), sharp.clump_candidates);
+    search(2, sharp.clump_rows, sharp.clump_candidates, [&](int first, int last, auto& found) {
+      search_clumps(frame, first, last, rough_clumps(plan, levels), found);
     });
     looked_at = std::min(looked_at, sharp.clump_rows);
   }
@@ -208,9 +226,9 @@ int find_sharp_pixels_rows(const SharpPixelPlan& plan, const CentroidPlan& centr
 
 void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
                        const Image<CentroidPlan::Spot>& windows, FrameView frame,
-                       const FrameLevels& levels, SharpPixels& sharp) noexcept {
+                       const FrameLevels& levels, SharpPixels& sharp, Team* team) noexcept {
   begin_sharp_pixels(sharp);
-  find_sharp_pixels_rows(plan, centroid, windows, frame, frame.rows, levels, sharp);
+  find_sharp_pixels_rows(plan, centroid, windows, frame, frame.rows, levels, sharp, team);
 }
 
 void assign_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "centroiding/centroid.h"
 #include "centroiding/frame_level.h"
@@ -48,6 +49,7 @@ struct SharpPixels {
   // Buffers of find_sharp_pixels().
   FixedList<SharpPixel> candidates;
   FixedList<SharpPixel> clump_candidates;
+  std::vector<FixedList<SharpPixel>> parts;  ///< candidates of one piece of a team's work each
   Image<std::int32_t> first;  ///< [rows, cols] the lenslet's first in `pixels`, or −1
   /// [rows, cols] 1 where a line or clump of bright or dead pixels is in a lenslet's window. Such a
   /// lenslet is measured as kBadPixels.
@@ -78,7 +80,8 @@ float count_instead(const Pixel* pixels, int cols, const SharpPixel& sharp) noex
 /// lenslets whose pixels do not fit are `broken`.
 void find_sharp_pixels(const SharpPixelPlan& plan, const CentroidPlan& centroid,
                        const Image<CentroidPlan::Spot>& windows, FrameView frame,
-                       const FrameLevels& levels, SharpPixels& sharp) noexcept;
+                       const FrameLevels& levels, SharpPixels& sharp,
+                       Team* team = nullptr) noexcept;
 
 /// Begins a frame that is still arriving.
 void begin_sharp_pixels(SharpPixels& sharp) noexcept;
@@ -88,7 +91,8 @@ void begin_sharp_pixels(SharpPixels& sharp) noexcept;
 /// pixel_variance must be what they are for the whole frame.
 int find_sharp_pixels_rows(const SharpPixelPlan& plan, const CentroidPlan& centroid,
                            const Image<CentroidPlan::Spot>& windows, FrameView frame, int ready,
-                           const FrameLevels& levels, SharpPixels& sharp) noexcept;
+                           const FrameLevels& levels, SharpPixels& sharp,
+                           Team* team = nullptr) noexcept;
 
 /// Says again which lenslets' sharp pixels they are, of a frame that find_sharp_pixels() has looked
 /// at, after windows were moved.

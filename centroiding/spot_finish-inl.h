@@ -130,9 +130,6 @@ void finish_spots(D d, const CentroidPlan& plan, const SpotPlaces<D>& places, co
   const hn::Rebind<std::uint8_t, D> bytes;
   store_first(bytes, hn::DemoteTo(bytes, state), n,
               reinterpret_cast<std::uint8_t*>(out.state.data()) + k);
-  const auto counted = hn::FirstN(d, n);
-  out.n_valid += static_cast<int>(hn::CountTrue(d, hn::And(valid, counted)));
-  out.n_saturated += static_cast<int>(hn::CountTrue(d, hn::And(saturated, counted)));
 }
 
 }  // namespace curlew::HWY_NAMESPACE

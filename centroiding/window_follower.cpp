@@ -5,6 +5,7 @@
 
 #include "core/as_size.h"
 #include "core/size_check.h"
+#include "core/team.h"
 
 namespace curlew {
 namespace {
@@ -119,10 +120,10 @@ void WindowFollower::place_window(const CentroidPlan& plan, std::size_t k, int d
 void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& level_plan,
                                    const LowOrders& model) noexcept {
   model_ = model;
-  level_plan.place(plan, model, blocks_);
+  level_plan.place(plan, model, blocks_, team_);
   const int rows = windows_.rows(), cols = windows_.cols();
   const float limit = 4.0F * pitch_px_;  // What is extrapolated into the dark may be anything.
-  for (int r = 0; r < rows; ++r) {
+  const auto place_row = [&](int r) {
     const LowOrders::Row row = model.along(model_coordinate(static_cast<float>(r), rows));
     for (int c = 0; c < cols; ++c) {
       const std::size_t k = as_size(r) * as_size(cols) + as_size(c);
@@ -135,7 +136,10 @@ void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& le
       moved_x_px_[k] = static_cast<float>(windows_[k].x0 - plan.spots[k].x0);
       moved_y_px_[k] = static_cast<float>(windows_[k].y0 - plan.spots[k].y0);
     }
-  }
+  };
+  share_rows(team_, 0, rows, [&](int, int first, int last) {
+    for (int r = first; r < last; ++r) place_row(r);
+  });
   centred_ = windows_;
   off_centre_.fill(0);
   strips_.place(windows_, plan.frame_cols);
@@ -218,17 +222,20 @@ LowOrders WindowFollower::settled_model(const LowOrders& spots) const noexcept {
 
 FollowState WindowFollower::measure(const CentroidPlan& plan, const LevelPlan& level_plan,
                                     const SharpPixelPlan& sharp_plan, FrameView frame,
-                                    FrameLevels& levels, SharpPixels& sharp,
-                                    Centroids& centroids) noexcept {
+                                    FrameLevels& levels, SharpPixels& sharp, Centroids& centroids,
+                                    Team* team) noexcept {
   check_size("WindowFollower", "lenslets", size_of(windows_), size_of(plan.spots));
+  team_ = team;
   SpotFit found;
   const FollowState state =
       measure_frame(plan, level_plan, sharp_plan, frame, levels, sharp, centroids, found);
   forecast_ = next_forecast_;
-  if (++frames_ % kSettlingFrames != 0) return state;
-  if (state == FollowState::kLost || state == FollowState::kNoLight) return state;
-  const LowOrders model = settled_model(found.model += model_);
-  if (model.x != model_.x || model.y != model_.y) place_windows(plan, level_plan, model);
+  if (++frames_ % kSettlingFrames == 0 && state != FollowState::kLost &&
+      state != FollowState::kNoLight) {
+    const LowOrders model = settled_model(found.model += model_);
+    if (model.x != model_.x || model.y != model_.y) place_windows(plan, level_plan, model);
+  }
+  team_ = nullptr;
   return state;
 }
 
@@ -240,10 +247,11 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
   const auto look = [&] { judge_.look_at({model_x_px_, model_y_px_}, *looked, found); };
   const auto measure_at = [&](const LowOrders& model) {
     place_windows(plan, level_plan, model);
-    measure_levels(level_plan, blocks_, frame, levels);
+    measure_levels(level_plan, blocks_, frame, levels, team_);
     go_by_forecast(level_plan, levels);
     assign_sharp_pixels(sharp_plan, plan, windows_, frame, levels, sharp);
-    find_centroids(plan, frame, centroids, {&levels, &sharp, &windows_, nullptr, &strips_});
+    find_centroids(plan, frame, centroids,
+                   {&levels, &sharp, &windows_, nullptr, &strips_, false, team_});
     std::fill(row_changed_.begin(), row_changed_.end(), std::uint8_t{1});
     tell_windows(centroids);
     looked = &centroids;
@@ -284,7 +292,8 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
   judge_.judge(centroids, row_changed_);
   judge_.remember(centroids);
   foreign_light_.mark(levels, centroids, row_changed_);
-  find_core_positions(plan, frame, centroids, {&levels, &sharp, &windows_});
+  find_core_positions(plan, frame, centroids,
+                      {.levels = &levels, .sharp = &sharp, .windows = &windows_, .team = team_});
   if (plan.core_threshold > 0.0F)
     std::fill(row_changed_.begin(), row_changed_.end(), std::uint8_t{1});
   return finish(state);

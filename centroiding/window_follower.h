@@ -73,7 +73,7 @@ class WindowFollower {
   /// measured again where it holds, and the results are the same bits. Never allocates.
   FollowState measure(const CentroidPlan& plan, const LevelPlan& level_plan,
                       const SharpPixelPlan& sharp_plan, FrameView frame, FrameLevels& levels,
-                      SharpPixels& sharp, Centroids& centroids) noexcept;
+                      SharpPixels& sharp, Centroids& centroids, Team* team = nullptr) noexcept;
 
   /// Measures as much as possible of a frame of which the first `ready` rows have arrived, and
   /// returns how many rows of lenslets are measured. Never allocates.
@@ -169,6 +169,7 @@ class WindowFollower {
   std::vector<int> rows_needed_;        ///< [rows] rows of the frame that windows_ lie in
 
   // Buffers of one frame.
+  Team* team_ = nullptr;  ///< shares the work on the frame at hand, where there is one
   Ahead ahead_;
   LevelForecast next_forecast_;
   std::vector<std::uint8_t> row_changed_;

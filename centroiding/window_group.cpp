@@ -120,7 +120,6 @@ void adopt_position(const CentroidPlan& plan, const FrameConditions& conditions,
   } else if (!(x >= spot.min_x && x <= spot.max_x && y >= spot.min_y && y <= spot.max_y)) {
     state = LensletState::kAtEdge;
   }
-  out.n_valid += (state == LensletState::kValid ? 1 : 0) - (was_valid ? 1 : 0);
   if (!(signal > 0.0F)) return clear_spot(out, k, state);
   if (!(out.flux_adu[k] > 0.0F)) out.flux_adu[k] = found.flux[lane] * plan.adu_per_count;
   if (!was_valid) {

@@ -24,8 +24,10 @@
 namespace curlew {
 
 enum class Threading {
-  kInline,    ///< all stages run on one thread, which gives the lowest latency on few cores
-  kPerStage,  ///< each stage has a thread of its own, with a queue between two stages
+  kInline,  ///< all stages run on one thread
+  /// Several threads take frames in turn, and those that have nothing to do help with the spots of
+  /// the newest one.
+  kTeam,
 };
 
 /// Section [pipeline].
@@ -35,7 +37,8 @@ struct PipelineOptions {
   std::size_t slots = 8;
   /// At most this many vortices are reported in a frame. Those beyond are counted as overflow.
   std::size_t max_vortices = 256;
-  /// The threads are pinned to these CPUs, in turn. If there are none, they are not pinned.
+  /// The threads are pinned to these CPUs, in turn, and a team has as many. If there are none, they
+  /// are not pinned, and a team has as many as the process may use CPUs, but at most four.
   std::vector<int> cpus;
   /// If the results come later than this after the frame was received, the frame is counted and
   /// marked as late. 0: there is no deadline.

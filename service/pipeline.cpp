@@ -3,13 +3,14 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <cmath>
 #include <exception>
 #include <thread>
 #include <utility>
 
 #include "core/slot_queue.h"
 #include "core/stage_timer.h"
+#include "core/team.h"
+#include "service/realtime/realtime.h"
 
 namespace curlew {
 namespace {
@@ -18,109 +19,6 @@ using Clock = std::chrono::steady_clock;
 using Queue = SlotQueue<FrameSlot>;
 
 }  // namespace
-
-void RunReport::merge(const RunReport& other) {
-  frames += other.frames;
-  vortices += other.vortices;
-  overflow += other.overflow;
-  dropped += other.dropped;
-  late += other.late;
-  not_converged += other.not_converged;
-  measured += other.measured;
-  lenslets += other.lenslets;
-  in_islands += other.in_islands;
-  too_blurred += other.too_blurred;
-  for (std::size_t i = 0; i < kFollowStates; ++i) followed[i] += other.followed[i];
-  lost += other.lost;
-  for (std::size_t i = 0; i < kLensletStates; ++i) unmeasured[i] += other.unmeasured[i];
-  for (std::size_t i = 0; i < kStageCount; ++i) stage[i].merge(other.stage[i]);
-  publish.merge(other.publish);
-  total.merge(other.total);
-  seconds += other.seconds;
-}
-
-std::string nothing_measured(const RunReport& report) {
-  if (report.measured > 0 || report.frames == 0) return {};
-  struct Reason {
-    LensletState state;
-    const char* text;
-  };
-  std::array<Reason, 5> reasons{{{LensletState::kFaint, "too faint"},
-                                 {LensletState::kSaturated, "saturated"},
-                                 {LensletState::kAtEdge, "at the edge of their windows"},
-                                 {LensletState::kBadPixels, "on bad pixels"},
-                                 {LensletState::kLost, "without a spot of their own"}}};
-  const auto times = [&](const Reason& reason) {
-    return report.unmeasured[static_cast<std::size_t>(reason.state)];
-  };
-  std::int64_t all = 0;
-  for (const Reason& reason : reasons) all += times(reason);
-  if (all == 0) return "nothing was measured: the sensor file has no lit lenslet";
-  std::stable_sort(reasons.begin(), reasons.end(),
-                   [&](const Reason& a, const Reason& b) { return times(a) > times(b); });
-  std::string text;
-  for (const Reason& reason : reasons) {
-    const std::int64_t percent = (200 * times(reason) + all) / (2 * all);
-    if (percent > 0)
-      text += (text.empty() ? "" : ", ") + std::to_string(percent) + " % " + reason.text;
-  }
-  return "nothing was measured: of " + std::to_string(all) + " spots in " +
-         std::to_string(report.frames) + " frames " + text;
-}
-
-std::string followed_text(const RunReport& report) {
-  const auto frames = [&](FollowState state) {
-    return report.followed[static_cast<std::size_t>(state)];
-  };
-  std::string text;
-  const auto add = [&](FollowState state, const std::string& what) {
-    if (frames(state) == 0) return;
-    text += (text.empty() ? "" : ", ") + what + " in " + std::to_string(frames(state)) + " of " +
-            std::to_string(report.frames) + " frames";
-  };
-  add(FollowState::kMoved, "windows moved after the spots");
-  add(FollowState::kAcquired, "spots were found anew");
-  add(FollowState::kLost, "spots were not found");
-  add(FollowState::kNoLight, "there was no light");
-  if (report.lost > 0) {
-    const std::int64_t all = report.lost + report.measured;
-    text += (text.empty() ? "" : "; ") + std::to_string((200 * report.lost + all) / (2 * all)) +
-            " % of the lenslets had no spot of their own, as beyond the beam";
-  }
-  return text;
-}
-
-std::vector<std::string> doubts(const RunReport& report) {
-  constexpr double kManyMissing = 0.05;
-  std::vector<std::string> texts;
-  if (report.measured == 0 || report.lenslets == 0) return texts;
-  const double missing = static_cast<double>(report.lenslets - report.measured - report.lost) /
-                         static_cast<double>(report.lenslets);
-  if (missing > kManyMissing) {
-    texts.push_back(std::to_string(std::lround(100.0 * missing)) +
-                    " % of the lenslets in the beam had no slope, because they were faint or "
-                    "saturated: what is found beside them is less sure");
-  }
-  if (report.too_blurred > 0) {
-    texts.push_back("in " + std::to_string(report.too_blurred) + " of " +
-                    std::to_string(report.frames) +
-                    " frames the spots were wider than the classifier knows (a blur of over 0.9 "
-                    "lambda/w): it looked for no vortex there; the method whitened would have");
-  }
-  if (report.in_islands > 0) {
-    texts.push_back("in " + std::to_string(report.in_islands) + " of " +
-                    std::to_string(report.frames) +
-                    " frames missing lenslets cut the phase into islands, each with mean 0: "
-                    "rms, modes or a mirror's command over all of it are wrong there (N_ISLANDS, "
-                    "and ISLAND beside --save phase)");
-  }
-  return texts;
-}
-
-std::string found_text(const RunReport& report) {
-  if (!nothing_measured(report).empty()) return "nothing measured";
-  return std::to_string(report.vortices) + " vortices";
-}
 
 Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
                    PipelineThreadStart thread_start, std::int64_t sets_before)
@@ -132,12 +30,23 @@ Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
   current_ = sets_.back().get();
 }
 
+/// Returns how many workers take frames: for a team one for each CPU that is named, or for each
+/// that the process may use, of which a few are enough.
+std::size_t Pipeline::worker_count() const {
+  if (options_.threads == Threading::kInline) return 1;
+  constexpr std::size_t kEnough = 4;
+  const std::size_t wanted = options_.cpus.empty()
+                                 ? std::min(static_cast<std::size_t>(usable_cpus()), kEnough)
+                                 : options_.cpus.size();
+  return std::clamp<std::size_t>(wanted, 2, options_.slots);
+}
+
 std::unique_ptr<Pipeline::SlotSet> Pipeline::make_slots(std::shared_ptr<const Plan> plan) {
   auto set = std::make_unique<SlotSet>();
   make_state(*plan, *set);
   ++sets_made_;
-  const std::size_t slots = options_.threads == Threading::kInline ? 1 : options_.slots;
-  for (std::size_t i = 0; i < slots; ++i)
+  // More than are worked on at once would only push each other out of the caches.
+  for (std::size_t i = 0; i < worker_count(); ++i)
     set->slots.push_back(
         std::make_unique<FrameSlot>(*plan, set->follower.get(), set->tracker.get()));
   set->plan = std::move(plan);
@@ -220,7 +129,7 @@ RunReport Pipeline::run(Feed& feed, const Publisher& publisher) {
   if (options_.threads == Threading::kInline)
     run_inline(feed, publisher);
   else
-    run_per_stage(feed, publisher);
+    run_team(feed, publisher);
   report_.seconds = std::chrono::duration<double>(Clock::now() - start).count();
   return report_;
 }
@@ -254,55 +163,126 @@ void Pipeline::run_inline(Feed& feed, const Publisher& publisher) {
   }
 }
 
-/// This thread feeds. Each stage has a thread, and one more publishes and gives the slot back.
-void Pipeline::run_per_stage(Feed& feed, const Publisher& publisher) {
-  const std::size_t slots = current_->slots.size();
-  Queue free(slots);
-  // Queue i feeds stage i, and the last one the publisher.
-  std::vector<std::unique_ptr<Queue>> to_stage;
-  for (std::size_t i = 0; i <= kStageCount; ++i) to_stage.push_back(std::make_unique<Queue>(slots));
-  for (auto& slot : current_->slots) free.push(slot.get());
+/// What the workers of a run share. One of them leads: it takes the next frame and measures its
+/// spots, and those that have nothing to do help. Then another one leads, while the first goes on
+/// with its frame. Tracks and results keep the order of the frames: each frame has its turn.
+struct Pipeline::TeamRun {
+  TeamRun(Feed& frames, const Publisher& out, std::size_t slots)
+      : feed(frames), publisher(out), free(slots) {}
 
+  Feed& feed;
+  const Publisher& publisher;
+  Queue free;  ///< slots without a frame; the leader takes them, whose turn it is gives them back
+  Team team;
+  std::atomic<bool> led{true};     ///< there is a leader, or the workers are not all there yet
+  std::atomic<bool> ended{false};  ///< there are no more frames
   std::atomic<bool> failed{false};
-  std::exception_ptr failure;  // thrown by the publisher; read after its thread is joined
-  const auto work = [&](std::size_t stage) {
-    thread_start_(kStages[stage].name, stage);
-    FrameSlot* slot = nullptr;
-    while (to_stage[stage]->pop(slot)) {
-      if (stage == 0 || !slot->broke_off) run_stage(stage, *slot);
-      to_stage[stage + 1]->push(slot);
-    }
-    to_stage[stage + 1]->close();
-  };
-  const auto hand_out = [&] {
-    thread_start_("publish", kStageCount);
-    FrameSlot* slot = nullptr;
-    while (to_stage[kStageCount]->pop(slot)) {
-      try {
-        if (!failed && !slot->broke_off) publish(*slot, publisher);
-      } catch (...) {
-        failure = std::current_exception();
-        failed = true;
-      }
-      feed.release(*slot);
-      free.push(slot);
-    }
-  };
+  std::atomic<std::int64_t> tracked{0};    ///< the frames that stages in order are done with
+  std::atomic<std::int64_t> published{0};  ///< the frames that are published
+  std::int64_t taken = 0;                  ///< frames; only the leader touches it
+  // Read after the workers are joined.
+  std::exception_ptr feed_failure;     ///< written by the leader
+  std::exception_ptr publish_failure;  ///< written by the worker whose turn it is
+};
 
-  std::exception_ptr feed_failure;  // thrown by the source, or by the start of a thread
+void Pipeline::run_team(Feed& feed, const Publisher& publisher) {
+  TeamRun run(feed, publisher, current_->slots.size());
+  for (auto& slot : current_->slots) run.free.push(slot.get());
   std::vector<std::thread> threads;
+  const auto end = [&] {
+    run.ended = true;
+    run.team.ring();
+    for (std::thread& thread : threads) thread.join();
+  };
   try {
-    for (std::size_t stage = 0; stage < kStageCount; ++stage) threads.emplace_back(work, stage);
-    threads.emplace_back(hand_out);
-    FrameSlot* slot = nullptr;
-    while (!failed && free.pop(slot) && feed.fill(*slot)) to_stage[0]->push(renewed(slot));
+    for (std::size_t number = 1; number < worker_count(); ++number)
+      threads.emplace_back([this, &run, number] { work(run, number); });
+    run.led = false;
+    run.team.ring();
+    work(run, 0);
   } catch (...) {
-    feed_failure = std::current_exception();
+    end();
+    throw;
   }
-  to_stage[0]->close();  // each stage then closes the queue of the next
-  for (std::thread& thread : threads) thread.join();
-  if (failure) std::rethrow_exception(failure);
-  if (feed_failure) std::rethrow_exception(feed_failure);
+  end();
+  if (run.publish_failure) std::rethrow_exception(run.publish_failure);
+  if (run.feed_failure) std::rethrow_exception(run.feed_failure);
+}
+
+void Pipeline::work(TeamRun& run, std::size_t number) {
+  thread_start_("worker", number);
+  const Team::Side side = number % 2 == 0 ? Team::Side::kFront : Team::Side::kBack;
+  while (true) {
+    bool leads = false;
+    run.team.wait_until(
+        [&] {
+          leads = !run.led.load(std::memory_order_relaxed) &&
+                  !run.led.exchange(true, std::memory_order_acquire);
+          return leads || run.ended.load(std::memory_order_acquire);
+        },
+        side);
+    if (!leads) return;
+    run.team.lead_from(side);
+    std::int64_t turn = 0;
+    FrameSlot* slot = lead(run, turn);
+    run.led.store(false, std::memory_order_release);
+    run.team.ring();
+    if (slot == nullptr) return;
+    finish(run, *slot, turn, side);
+  }
+}
+
+/// Takes the next frame and runs the first stage. Returns its slot, or null at the end.
+FrameSlot* Pipeline::lead(TeamRun& run, std::int64_t& turn) noexcept {
+  constexpr std::int64_t kWorthSharing_px = 1 << 16;
+  FrameSlot* slot = nullptr;
+  try {
+    const bool more = !run.ended.load(std::memory_order_relaxed) &&
+                      !run.failed.load(std::memory_order_acquire) && run.free.pop(slot) &&
+                      run.feed.fill(*slot);
+    if (!more) slot = nullptr;
+  } catch (...) {
+    run.feed_failure = std::current_exception();
+    slot = nullptr;
+  }
+  if (slot == nullptr) {
+    run.ended.store(true, std::memory_order_release);
+    return nullptr;
+  }
+  slot = renewed(slot);
+  turn = run.taken++;
+  const FrameFormat& format = slot->frame->format();
+  slot->team = std::int64_t{format.rows} * format.cols >= kWorthSharing_px ? &run.team : nullptr;
+  run_stage(0, *slot);
+  slot->team = nullptr;
+  return slot;
+}
+
+/// Runs the other stages, publishes the frame when its turn has come, and gives its slot back.
+void Pipeline::finish(TeamRun& run, FrameSlot& slot, std::int64_t turn, Team::Side side) noexcept {
+  const auto wait_for_turn = [&](const std::atomic<std::int64_t>& turns) {
+    run.team.wait_until([&] { return turns.load(std::memory_order_acquire) == turn; }, side);
+  };
+  const auto pass_on = [&](std::atomic<std::int64_t>& turns) {
+    turns.store(turn + 1, std::memory_order_release);
+    run.team.ring();
+  };
+  for (std::size_t stage = 1; stage < kStageCount; ++stage) {
+    if (kStages[stage].in_order) wait_for_turn(run.tracked);
+    if (!slot.broke_off) run_stage(stage, slot);
+    if (kStages[stage].in_order) pass_on(run.tracked);
+  }
+  wait_for_turn(run.published);
+  try {
+    if (!slot.broke_off && !run.failed.load(std::memory_order_relaxed))
+      publish(slot, run.publisher);
+  } catch (...) {
+    run.publish_failure = std::current_exception();
+    run.failed.store(true, std::memory_order_release);
+  }
+  run.feed.release(slot);
+  run.free.push(&slot);
+  pass_on(run.published);
 }
 
 void Pipeline::count_lenslets(const Centroids& centroids) noexcept {

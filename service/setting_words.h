@@ -18,7 +18,7 @@ struct Word {
 template <typename Enum>
 Word(const char*, Enum) -> Word<Enum>;
 inline constexpr std::array kThreadingWords = {Word{"inline", Threading::kInline},
-                                               Word{"per_stage", Threading::kPerStage}};
+                                               Word{"team", Threading::kTeam}};
 inline constexpr std::array kDetectMethodWords = {
     Word{"auto", DetectMethod::kAuto}, Word{"circulation", DetectMethod::kCirculation},
     Word{"whitened", DetectMethod::kWhitened}, Word{"classifier", DetectMethod::kClassifier}};

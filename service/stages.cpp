@@ -37,18 +37,20 @@ void centroid(const Plan& plan, FrameSlot& slot) noexcept {
   const FrameView frame = slot.frame->view();
   const int ahead = std::exchange(slot.rows_ahead, 0);
   if (slot.follower != nullptr && plan.level && plan.sharp && slot.levels && slot.sharp) {
-    slot.follow_state = slot.follower->measure(plan.centroid, *plan.level, *plan.sharp, frame,
-                                               *slot.levels, *slot.sharp, slot.centroids);
+    slot.follow_state =
+        slot.follower->measure(plan.centroid, *plan.level, *plan.sharp, frame, *slot.levels,
+                               *slot.sharp, slot.centroids, slot.team);
     slot.row_due = slot.follower->row_changed();
   } else {
     std::fill(slot.row_due.begin(), slot.row_due.begin() + ahead, std::uint8_t{0});
     std::fill(slot.row_due.begin() + ahead, slot.row_due.end(), std::uint8_t{1});
-    FrameConditions conditions;
+    FrameConditions conditions{.team = slot.team};
     if (plan.level && plan.sharp && slot.levels && slot.sharp) {
-      measure_levels(*plan.level, plan.level->pixels(), frame, *slot.levels);
+      measure_levels(*plan.level, plan.level->pixels(), frame, *slot.levels, slot.team);
       find_sharp_pixels(*plan.sharp, plan.centroid, plan.centroid.spots, frame, *slot.levels,
-                        *slot.sharp);
-      conditions = {&*slot.levels, &*slot.sharp};
+                        *slot.sharp, slot.team);
+      conditions.levels = &*slot.levels;
+      conditions.sharp = &*slot.sharp;
     }
     find_centroids_rows(plan.centroid, frame, ahead, plan.grid.rows, slot.centroids, conditions);
     find_core_positions(plan.centroid, frame, slot.centroids, conditions);
@@ -142,7 +144,7 @@ const std::array<Stage, kStageCount> kStages = {{
     {"centroid", centroid},
     {"slopes", slopes},
     {"detect", detect},
-    {"track", track},
+    {"track", track, true},
     {"split", split},
     {"hidden", hidden},
 }};

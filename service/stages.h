@@ -77,6 +77,7 @@ struct FrameSlot {
   VortexTracker* tracker;        ///< null: every frame is judged alone
   std::int64_t frame_index = 0;  ///< counts from 0 over all frames that the feed gives
   FrameBuffer* frame = nullptr;
+  Team* team = nullptr;  ///< shares the centroid stage, where there is one
   /// The frame broke off while it was read out; it has no results, and stages leave it alone.
   bool broke_off = false;
   /// How many rows of lenslets measure_ahead() has carried to circulation, of a frame that is still
@@ -107,6 +108,7 @@ struct FrameSlot {
 struct Stage {
   const char* name;  ///< stands in reports and, in capitals, in the LATENCY table
   void (*run)(const Plan&, FrameSlot&) noexcept;  ///< takes the plan of the slot
+  bool in_order = false;  ///< takes frames in their order; the first stage always does
 };
 
 extern const std::array<Stage, kStageCount> kStages;

@@ -67,26 +67,28 @@ class LatencyTrial {
         placement_(options.cpus, 0),
         plan_(make_plan(sensor_, frames_.format(), options)),
         pipeline_(plan_, plan_->config.pipeline, placement_.thread_start()),
-        other_memory_(2 * second_cache_bytes()) {
+        other_memory_(2 * second_cache_bytes()),
+        pace_hz_(options.pace_hz) {
     constexpr int kPilotRounds = 20;
     read_build_ = fastest_build(kPilotRounds, [&](PlainBuild build) { plain_.read(build); });
     rows_build_ = fastest_build(kPilotRounds,
                                 [&](PlainBuild build) { plain_.find(build, PlainOrder::kRows); });
     constexpr std::int64_t kWarmUp = 100;
-    run_frames(kWarmUp, [](const FrameSlot&) {});
+    run_frames(kWarmUp, 0.0, [](const FrameSlot&) {});
   }
   LatencyTrial(const LatencyTrial&) = delete;
   LatencyTrial& operator=(const LatencyTrial&) = delete;
 
   void run_warm(std::int64_t frames) {
     if (frames == 0) return;
-    report_.merge(run_frames(frames, [&](const FrameSlot& slot) { warm_.add(slot.latency); }));
+    report_.merge(
+        run_frames(frames, pace_hz_, [&](const FrameSlot& slot) { warm_.add(slot.latency); }));
     time_plain(warm_, false);
   }
 
   void run_cold(std::int64_t frames) {
     if (frames == 0) return;
-    run_frames(frames, [&](const FrameSlot& slot) {
+    run_frames(frames, 0.0, [&](const FrameSlot& slot) {
       cold_.add(slot.latency);
       swept_ += sum_pixels(read_build_, other_memory_.data(),
                            static_cast<std::int64_t>(other_memory_.size()));
@@ -99,9 +101,9 @@ class LatencyTrial {
 
  private:
   template <typename Finish>
-  RunReport run_frames(std::int64_t frames, Finish finish) {
+  RunReport run_frames(std::int64_t frames, double pace_hz, Finish finish) {
     LoopSource source = frames_.loop(kDistinctFrames, frames);
-    RecordedFeed feed(source, {});
+    RecordedFeed feed(source, {.pace_hz = pace_hz});
     Publisher publisher;
     publisher.finish = [&](const FrameSlot& slot, std::int64_t) { finish(slot); };
     return pipeline_.run(feed, publisher);
@@ -134,6 +136,7 @@ class LatencyTrial {
   std::shared_ptr<const Plan> plan_;
   Pipeline pipeline_;
   std::vector<std::uint8_t> other_memory_;
+  double pace_hz_;
   std::uint64_t swept_ = 0;
   RunReport report_;
   LatencySamples warm_;

@@ -37,6 +37,7 @@ struct LatencyOptions {
   DetectMethod method = DetectMethod::kCirculation;
   Threading threads = Threading::kInline;
   std::vector<int> cpus;
+  double pace_hz = 0.0;  ///< of the warm frames; 0: each comes as soon as it is taken
 };
 
 /// Times all cases in turn, a tenth of the frames at a time, so that whatever else the machine does

@@ -29,6 +29,7 @@ struct LatencyBenchOptions {
   std::string method = "circulation";
   std::string threads = "inline";
   std::vector<int> cpus;
+  double pace_hz = 0.0;
   bool scaling = false;
   BenchOutput output;
 };
@@ -57,11 +58,18 @@ std::vector<std::pair<const char*, double>> ns_per_lenslet(const LatencyBenchmar
   return columns;
 }
 
+double frames_a_second(const RunReport& report) {
+  return static_cast<double>(report.frames) / report.seconds;
+}
+
 nlohmann::ordered_json json_of(const LatencyBenchmark& result) {
-  nlohmann::ordered_json json = {
-      {"rows", result.which.rows},           {"cols", result.which.cols},
-      {"window_px", result.which.window_px}, {"latency_us", latency_json(result.report)},
-      {"warm", json_of(result.warm)},        {"cold", json_of(result.cold)}};
+  nlohmann::ordered_json json = {{"rows", result.which.rows},
+                                 {"cols", result.which.cols},
+                                 {"window_px", result.which.window_px},
+                                 {"frames_a_second", frames_a_second(result.report)},
+                                 {"latency_us", latency_json(result.report)},
+                                 {"warm", json_of(result.warm)},
+                                 {"cold", json_of(result.cold)}};
   for (const auto& [name, ns] : ns_per_lenslet(result)) json["ns_per_lenslet"][name] = ns;
   return json;
 }
@@ -81,6 +89,7 @@ std::string table(const LatencyBenchmark& result) {
   };
   line("total, median", result.warm);
   line("total, median, caches swept between frames", result.cold);
+  text += fmt::format("{:.0f} frames a second\n", frames_a_second(result.report));
   if (const std::string followed = followed_text(result.report); !followed.empty())
     text += followed + "\n";
   return text;
@@ -130,7 +139,8 @@ void bench_latency(const LatencyBenchOptions& options) {
   LatencyOptions run{.frames = options.frames,
                      .method = setting_from<DetectMethod>(options.method, "--method"),
                      .threads = setting_from<Threading>(options.threads, "--threads"),
-                     .cpus = options.cpus};
+                     .cpus = options.cpus,
+                     .pace_hz = options.pace_hz};
   if (run.frames == 0) run.frames = options.scaling ? kScalingFrames : kFrames;
   Progress progress("bench", frames_of_case(run) * static_cast<std::int64_t>(cases.size()));
   std::string pinning;
@@ -143,6 +153,7 @@ void bench_latency(const LatencyBenchOptions& options) {
   json["method"] = options.method;
   json["frames"] = run.frames;
   json["pinning"] = pinning;
+  json["pace_hz"] = run.pace_hz;
   std::string text = fmt::format("{}method {}, threads {}, pinned: {}\n", machine_text(),
                                  options.method, options.threads, pinning);
   for (const LatencyBenchmark& result : results) {
@@ -170,10 +181,14 @@ void add_bench_latency(CLI::App& bench) {
       ->capture_default_str();
   latency
       ->add_option("--threads", options->threads,
-                   "all stages on one thread (inline) or one each (per_stage)")
+                   "all stages on one thread (inline) or shared by a team of them (team)")
       ->capture_default_str();
   latency->add_option("--cpus", options->cpus, "CPUs that the threads are pinned to, in turn")
       ->delimiter(',');
+  latency
+      ->add_option("--pace-hz", options->pace_hz,
+                   "warm frames come at this rate; without it each as soon as it is taken")
+      ->check(CLI::PositiveNumber);
   options->output.add_to(*latency);
   latency->callback([options] { bench_latency(*options); });
 }

@@ -16,8 +16,9 @@ void PipelineFlags::add_to(CLI::App& command) {
                    "follow vortices from frame to frame and report those that last");
   command.add_option("--false-alarms", false_alarms,
                      "false alarms a frame to accept where there is only noise (default 0.01)");
-  command.add_option("--threads", threads,
-                     "all stages on one thread (inline, default) or one each (per_stage)");
+  command.add_option(
+      "--threads", threads,
+      "all stages on one thread (inline, default) or shared by a team of them (team)");
 }
 
 Config PipelineFlags::configuration() const {

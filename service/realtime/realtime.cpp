@@ -163,6 +163,11 @@ std::uint64_t megabytes(std::uint64_t kilobytes) { return (kilobytes + 512) / 10
 
 }  // namespace
 
+int usable_cpus() noexcept {
+  cpu_set_t cpus;
+  return sched_getaffinity(0, sizeof cpus, &cpus) == 0 ? CPU_COUNT(&cpus) : 1;
+}
+
 std::vector<std::string> enter_realtime(const std::string& name, const std::vector<int>& cpus,
                                         int priority) {
   constexpr std::size_t kNameLength = 15;

@@ -20,6 +20,9 @@ struct RealtimeOptions {
   int max_cpu_wakeup_us = -1;
 };
 
+/// Returns how many CPUs this process may use, which may be fewer than the machine has.
+int usable_cpus() noexcept;
+
 /// Gives the calling thread a name (cut to 15 characters), CPUs (if the list is empty, any) and a
 /// SCHED_FIFO priority (0: ordinary). Returns one sentence for each thing that was refused, with
 /// its remedy. Never throws, because a refusal is reported and is no error.

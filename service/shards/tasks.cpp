@@ -1,7 +1,5 @@
 #include "service/shards/tasks.h"
 
-#include <sched.h>
-
 #include <algorithm>
 #include <atomic>
 #include <cstddef>
@@ -10,17 +8,9 @@
 #include <thread>
 
 #include "core/as_size.h"
+#include "service/realtime/realtime.h"
 
 namespace curlew {
-namespace {
-
-/// A scheduler gives a worker some of the machine's CPUs, so the machine's number is not asked.
-int usable_cpus() {
-  cpu_set_t cpus;
-  return sched_getaffinity(0, sizeof cpus, &cpus) == 0 ? CPU_COUNT(&cpus) : 1;
-}
-
-}  // namespace
 
 void do_tasks(const Tasks& tasks) {
   std::atomic<std::size_t> next{0};

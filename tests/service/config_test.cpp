@@ -25,7 +25,7 @@ TEST(Config, WhatIsWrittenReadsBack) {
   config.centroid.method = CentroidMethod::kMaximumLikelihood;
   config.split.weighted = true;
   config.detect.false_alarms_per_frame = 0.25;
-  config.pipeline.threads = Threading::kPerStage;
+  config.pipeline.threads = Threading::kTeam;
   config.pipeline.slots = 5;
   config.pipeline.cpus = {0, 1};
   config.daemon.sensor = "a \"quoted\" \\ name.fits";
@@ -105,7 +105,7 @@ TEST(Config, ValuesOfTheWrongKindAreRefused) {
             std::string::npos);
   EXPECT_NE(usage_error("[pipeline]\nslots = 2.5\n").find("whole number"), std::string::npos);
   EXPECT_NE(usage_error("[pipeline]\nslots = 1\n").find("from 2"), std::string::npos);
-  EXPECT_NE(usage_error("[pipeline]\nthreads = \"many\"\n").find(R"("inline", "per_stage")"),
+  EXPECT_NE(usage_error("[pipeline]\nthreads = \"many\"\n").find(R"("inline", "team")"),
             std::string::npos);
   EXPECT_NE(usage_error("[split]\nweighted = 1\n").find("true or false"), std::string::npos);
   EXPECT_NE(usage_error("[split\n").find("c.toml:1: "), std::string::npos);

@@ -289,10 +289,9 @@ TEST_P(Live, TheDeadlineIsInMicroseconds) {
   EXPECT_EQ(report.late, 20);
 }
 
-INSTANTIATE_TEST_SUITE_P(Modes, Live, ::testing::Values(Threading::kInline, Threading::kPerStage),
+INSTANTIATE_TEST_SUITE_P(Modes, Live, ::testing::Values(Threading::kInline, Threading::kTeam),
                          [](const auto& mode) {
-                           return std::string(mode.param == Threading::kInline ? "inline"
-                                                                               : "per_stage");
+                           return std::string(mode.param == Threading::kInline ? "inline" : "team");
                          });
 
 }  // namespace

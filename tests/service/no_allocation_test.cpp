@@ -148,10 +148,10 @@ TEST_P(NoAllocationLive, AThousandFramesReadOutRowByRow) {
   run_camera(100.0);
 }
 
-const auto kAllModes = ::testing::Combine(
-    ::testing::Values(Threading::kInline, Threading::kPerStage), ::testing::Bool(),
-    ::testing::Values(DetectMethod::kCirculation, DetectMethod::kWhitened,
-                      DetectMethod::kClassifier));
+const auto kAllModes =
+    ::testing::Combine(::testing::Values(Threading::kInline, Threading::kTeam), ::testing::Bool(),
+                       ::testing::Values(DetectMethod::kCirculation, DetectMethod::kWhitened,
+                                         DetectMethod::kClassifier));
 INSTANTIATE_TEST_SUITE_P(Modes, NoAllocationModes, kAllModes);
 INSTANTIATE_TEST_SUITE_P(Modes, NoAllocationLive, kAllModes);
 

@@ -196,12 +196,12 @@ TEST_F(StreamedFrames, GiveTheBitsOfWholeFramesInlineAndThreaded) {
   EXPECT_GT(frames(FollowState::kNoLight), 0);
   EXPECT_GT(whole.report.vortices, kFrames / 2);
   expect_same(whole, run(Threading::kInline, true, false));
-  expect_same(whole, run(Threading::kPerStage, true, false));
+  expect_same(whole, run(Threading::kTeam, true, false));
 }
 
 TEST_F(StreamedFrames, FramesThatBreakOffLeaveNoTrace) {
   const Collected whole = run(Threading::kInline, false, false);
-  for (const Threading threads : {Threading::kInline, Threading::kPerStage}) {
+  for (const Threading threads : {Threading::kInline, Threading::kTeam}) {
     const Collected broken = run(threads, true, true);
     EXPECT_GT(broken.broke_off, 10);
     EXPECT_EQ(broken.report.frames, kFrames);

@@ -62,7 +62,7 @@ TEST_F(EndToEnd, ThousandFramesInlineAndPerStageAreTheSameBytes) {
       "replay beam.fits --sensor sensor.fits --save slopes,flux,phase,solenoidal,circulation "
       "--out ";
   run(replay + "inline.fits --threads inline");
-  run(replay + "threads.fits --threads per_stage");
+  run(replay + "threads.fits --threads team");
   for (const char* image : {"SLOPES", "FLUX", "PHASE", "SOLENOIDAL", "CIRCULATION"}) {
     SCOPED_TRACE(image);
     const auto values = image_values(scratch_ / "inline.fits", image);
