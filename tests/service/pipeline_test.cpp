@@ -14,16 +14,13 @@
 #include "acquisition/simulator/simulator.h"
 #include "core/error.h"
 #include "tests/support/exact_sensor.h"
+#include "tests/support/sanitized.h"
 
 namespace curlew {
 namespace {
 
 constexpr int kWindow = 8;
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr std::int64_t kFrames = 80;
-#else
-constexpr std::int64_t kFrames = 200;
-#endif
+constexpr std::int64_t kFrames = kSanitized ? 80 : 200;
 
 SimulatorOptions moving_vortices(std::int64_t frames, int window_px = kWindow) {
   SimulatorOptions options;
@@ -225,6 +222,7 @@ class CountingSource final : public FrameSource {
 TEST(PipelineReload, TheSamePlanAgainChangesNoBit) {
   for (const Threading threads : {Threading::kInline, Threading::kTeam}) {
     for (const bool wandering : {false, true}) {
+      if (kSanitized && wandering != (threads == Threading::kTeam)) continue;
       const Collected once = run(threads, 4, DetectMethod::kWhitened, wandering);
       const Collected reloaded =
           run(threads, 4, DetectMethod::kWhitened, wandering, [](Config&) {});

@@ -18,15 +18,11 @@
 #include "tests/support/paths.h"
 #include "tests/support/process.h"
 #include "tests/support/program.h"
+#include "tests/support/sanitized.h"
 
 namespace curlew {
 
 constexpr int kDistinctFrames = 60;
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kSanitized = true;
-#else
-constexpr bool kSanitized = false;
-#endif
 
 inline std::vector<nlohmann::json> json_lines(const std::string& path) {
   std::vector<nlohmann::json> lines;

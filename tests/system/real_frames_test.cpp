@@ -5,12 +5,16 @@
 #include <cmath>
 #include <filesystem>
 #include <random>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/recording/mean_image.h"
 #include "service/sensor/sensor_file.h"
 #include "tests/support/paths.h"
 #include "tests/support/program.h"
+#include "tests/support/sanitized.h"
 
 namespace curlew {
 namespace {
@@ -140,7 +144,9 @@ TEST_P(RealFrames, AKnownShiftIsMeasuredAndIsNoVortex) {
 
   const Sensor sensor = read_sensor(scratch_ / "sensor.fits");
   const std::size_t lenslets = sensor.valid.size();
-  for (const auto& [dx, dy] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}}) {
+  std::vector<std::pair<int, int>> shifts{{1, 0}, {-1, 1}};
+  if (!kSanitized) shifts.insert(shifts.end(), {{-1, 0}, {0, 1}, {0, -1}, {1, 1}});
+  for (const auto& [dx, dy] : shifts) {
     SCOPED_TRACE("shift " + std::to_string(dx) + "," + std::to_string(dy) + " seed " +
                  std::to_string(seed));
     write_shifted(frame, dx, dy, noise_adu, seed++, scratch_ / "shifted.fits");

@@ -17,6 +17,7 @@
 #include "detect/classifier/matrix_product.h"
 #include "service/bench/bench_frames.h"
 #include "service/spot_camera.h"
+#include "tests/support/sanitized.h"
 
 namespace curlew {
 namespace {
@@ -195,7 +196,7 @@ TEST(VortexClassifier, ReportsAPairOrItsVorticesNeverBoth) {
   Chain chain({.min_probability = 0.02});
   RandomStream random(kSeed, 1);
   int pairs = 0;
-  for (int trial = 0; trial < 60; ++trial) {
+  for (int trial = 0; trial < (kSanitized ? 20 : 60); ++trial) {
     const double x = 4.0 + 7.0 * random.uniform();
     const double y = 4.0 + 7.0 * random.uniform();
     Scene scene = vortex_scene(x - 0.3, y, 1);

@@ -14,6 +14,7 @@
 #include "acquisition/simulator/random_stream.h"
 #include "service/bench/position_benchmark.h"
 #include "service/results/truth_match.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/scratch_directory.h"
 
 namespace curlew {
@@ -140,6 +141,7 @@ TEST(PositionBound, WithoutLightIsThePrior) {
 
 /// The maximum of the likelihood, found by Gauss and Newton, reaches the bound if light is plenty.
 TEST(PositionBound, IsReachedByMaximumLikelihood) {
+  if (kSanitized) GTEST_SKIP() << "a matter of statistics; the tests beside it run the same code";
   constexpr double kPhotons = 20000.0;
   constexpr int kTrials = 250;
   const double x0 = 0.62, y0 = 0.41;
@@ -328,6 +330,7 @@ TEST(PositionBenchmark, GivesABoundBelowTheClassifierWhateverTheThreads) {
   for (const PositionClass& kind : cell.classes) in_classes += kind.score.vortices;
   // Each vortex has a class by light, by neighbour and by place.
   EXPECT_EQ(in_classes, 3 * cell.score.vortices);
+  if (kSanitized) return;  // The same work again.
   options.threads = 2;
   const auto again = run_position_benchmark(options, cache, [] {});
   EXPECT_EQ(again[0].score.rms, cell.score.rms);
