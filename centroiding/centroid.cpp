@@ -245,8 +245,8 @@ namespace {
 /// Adds `one` for each valid and each saturated lenslet of rows [first, last) to the counts.
 void count_states(int first, int last, int one, Centroids& centroids) noexcept {
   const std::ptrdiff_t cols = centroids.state.cols();
-  const auto begin = centroids.state.begin() + first * cols;
-  const auto end = centroids.state.begin() + last * cols;
+  const LensletState* begin = centroids.state.begin() + first * cols;
+  const LensletState* end = centroids.state.begin() + last * cols;
   const auto count = [&](LensletState state) {
     return one * static_cast<int>(std::count(begin, end, state));
   };

@@ -13,9 +13,9 @@
 
 namespace curlew {
 
-/// A queue, first in, first out, for one producer thread and one consumer thread. It is lock-free
-/// and allocates only when made. pop() spins for a bounded time and then parks, because the kernel
-/// stops a real-time thread that spins for ever.
+/// A queue, first in, first out, for one producer thread and one consumer thread at a time, which
+/// may hand that part on to another. It is lock-free and allocates only when made. pop() spins for
+/// a bounded time and then parks, because the kernel stops a real-time thread that spins for ever.
 template <typename Slot>
 class SlotQueue {
  public:

@@ -1,6 +1,7 @@
 // A Team lets threads that have nothing to do help another with a loop.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
@@ -8,8 +9,8 @@
 namespace curlew {
 
 /// Threads of one team share loops of independent pieces, and wait for each other. It is lock-free
-/// and never allocates. Waits spin for a bounded time and then park, because the kernel stops a
-/// real-time thread that spins for ever.
+/// and never allocates. A wait spins for a bounded time, and a little longer for each piece that it
+/// helps with, and then parks, because the kernel stops a real-time thread that spins for ever.
 class Team {
  public:
   Team() = default;
@@ -61,13 +62,15 @@ class Team {
   /// Waits until condition() is true, and helps meanwhile. Whoever makes it true must ring.
   template <typename Condition>
   void wait_until(const Condition& condition, Side side = Side::kBack) noexcept {
+    int spins = kSpins;
     while (true) {
       const std::uint32_t bell = bell_.load(std::memory_order_acquire);
-      for (int spins = 0; spins < kSpins; ++spins) {
+      do {
         if (condition()) return;
-        if (help(side)) spins = 0;
+        if (help(side)) spins = std::max(spins, kSpinsAfterPiece);
         relax();
-      }
+        spins = std::max(spins - 1, 0);
+      } while (spins > 0);
       bell_.wait(bell, std::memory_order_acquire);
     }
   }
@@ -78,7 +81,8 @@ class Team {
   static constexpr int kBackBit = 12;
   static constexpr int kCountBit = 24;
   static constexpr int kRoundBit = 40;
-  static constexpr int kSpins = 100'000;  // some 100 to 300 µs, the time of a stage
+  static constexpr int kSpins = 100'000;           // some 100 to 300 µs, the time of a stage
+  static constexpr int kSpinsAfterPiece = 25'000;  // until the same frame's next loop
 
   static int part_of(std::uint64_t ticket, int bit, int bits) noexcept {
     return static_cast<int>(ticket >> bit & ((std::uint64_t{1} << bits) - 1));
@@ -107,20 +111,20 @@ class Team {
       done_.wait(done, std::memory_order_acquire);
   }
 
+  static constexpr std::size_t kCacheLine = 64;
+  alignas(kCacheLine) std::atomic<int> done_{0};
+  Side leading_side_ = Side::kFront;
   // Written before a ticket is handed out, read by those who got one.
   const void* work_ = nullptr;
   void (*call_)(const void*, int) = nullptr;
-  Side leading_side_ = Side::kFront;
-  static constexpr std::size_t kCacheLine = 64;
-  alignas(kCacheLine) std::atomic<std::uint64_t> ticket_{0};
-  alignas(kCacheLine) std::atomic<int> done_{0};
   alignas(kCacheLine) std::atomic<std::uint32_t> bell_{0};
+  alignas(kCacheLine) std::atomic<std::uint64_t> ticket_{0};
 };
+
+inline constexpr int kTeamPieces = 8;
 
 /// Calls work(piece, begin, end) for pieces of rows [first, last): for all of them at once, or with
 /// a team for kTeamPieces pieces, in any order.
-inline constexpr int kTeamPieces = 8;
-
 template <typename Work>
 void share_rows(Team* team, int first, int last, const Work& work) noexcept {
   const int rows = last - first;

@@ -33,7 +33,7 @@ enum class Threading {
 /// Section [pipeline].
 struct PipelineOptions {
   Threading threads = Threading::kInline;
-  /// This many frames can be under way at once.
+  /// At most this many frames are under way at once, and a team has no more threads.
   std::size_t slots = 8;
   /// At most this many vortices are reported in a frame. Those beyond are counted as overflow.
   std::size_t max_vortices = 256;

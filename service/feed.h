@@ -19,8 +19,8 @@ class Feed {
   /// Waits for the next frame, lends it to the slot and sets its index. Returns false at the end.
   virtual bool fill(FrameSlot& slot) = 0;
 
-  /// Takes the slot's frame back, which is published and no longer needed. The publisher's thread
-  /// calls it.
+  /// Takes the slot's frame back, which is published and no longer needed. In a team fill() and
+  /// release() are called from changing threads, each from one at a time.
   virtual void release(FrameSlot& slot) noexcept = 0;
 };
 

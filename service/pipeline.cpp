@@ -18,11 +18,23 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Queue = SlotQueue<FrameSlot>;
 
+/// Returns how many workers take frames: in a team one for each CPU that is named, or for each that
+/// the process may use, of which a few are enough; but no more than there may be frames under way.
+std::size_t count_workers(const PipelineOptions& options) {
+  if (options.threads == Threading::kInline) return 1;
+  constexpr std::size_t kEnough = 4;
+  const std::size_t wanted = options.cpus.empty()
+                                 ? std::min(static_cast<std::size_t>(usable_cpus()), kEnough)
+                                 : options.cpus.size();
+  return std::clamp<std::size_t>(wanted, 1, options.slots);
+}
+
 }  // namespace
 
 Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
                    PipelineThreadStart thread_start, std::int64_t sets_before)
     : options_(std::move(options)),
+      workers_(count_workers(options_)),
       thread_start_(std::move(thread_start)),
       sets_made_(sets_before) {
   if (!thread_start_) thread_start_ = [](const std::string&, std::size_t) {};
@@ -30,23 +42,12 @@ Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
   current_ = sets_.back().get();
 }
 
-/// Returns how many workers take frames: for a team one for each CPU that is named, or for each
-/// that the process may use, of which a few are enough.
-std::size_t Pipeline::worker_count() const {
-  if (options_.threads == Threading::kInline) return 1;
-  constexpr std::size_t kEnough = 4;
-  const std::size_t wanted = options_.cpus.empty()
-                                 ? std::min(static_cast<std::size_t>(usable_cpus()), kEnough)
-                                 : options_.cpus.size();
-  return std::clamp<std::size_t>(wanted, 2, options_.slots);
-}
-
 std::unique_ptr<Pipeline::SlotSet> Pipeline::make_slots(std::shared_ptr<const Plan> plan) {
   auto set = std::make_unique<SlotSet>();
   make_state(*plan, *set);
   ++sets_made_;
   // More than are worked on at once would only push each other out of the caches.
-  for (std::size_t i = 0; i < worker_count(); ++i)
+  for (std::size_t i = 0; i < workers_; ++i)
     set->slots.push_back(
         std::make_unique<FrameSlot>(*plan, set->follower.get(), set->tracker.get()));
   set->plan = std::move(plan);
@@ -140,7 +141,10 @@ void Pipeline::run_stage(std::size_t stage, FrameSlot& slot) const noexcept {
   if (slot.broke_off) return;
   // What the first stage waits for the last rows of a frame is the camera's time.
   slot.latency.stage_ns[stage] = nanoseconds_since(std::max(start, slot.frame->header.received));
-  if (stage + 1 < kStageCount) return;
+}
+
+/// Says how long the frame took until it can be published.
+void Pipeline::complete(FrameSlot& slot) const noexcept {
   slot.latency.total_ns = nanoseconds_since(slot.frame->header.received);
   if (is_late(slot)) slot.frame->header.status |= kFrameLate;
 }
@@ -158,7 +162,10 @@ void Pipeline::run_inline(Feed& feed, const Publisher& publisher) {
     run_stage(0, *slot);
     for (std::size_t stage = 1; stage < kStageCount && !slot->broke_off; ++stage)
       run_stage(stage, *slot);
-    if (!slot->broke_off) publish(*slot, publisher);
+    if (!slot->broke_off) {
+      complete(*slot);
+      publish(*slot, publisher);
+    }
     feed.release(*slot);
   }
 }
@@ -189,22 +196,20 @@ void Pipeline::run_team(Feed& feed, const Publisher& publisher) {
   TeamRun run(feed, publisher, current_->slots.size());
   for (auto& slot : current_->slots) run.free.push(slot.get());
   std::vector<std::thread> threads;
-  const auto end = [&] {
-    run.ended = true;
+  const auto join = [&] {
     run.team.ring();
     for (std::thread& thread : threads) thread.join();
   };
   try {
-    for (std::size_t number = 1; number < worker_count(); ++number)
+    for (std::size_t number = 0; number < workers_; ++number)
       threads.emplace_back([this, &run, number] { work(run, number); });
-    run.led = false;
-    run.team.ring();
-    work(run, 0);
   } catch (...) {
-    end();
+    run.ended = true;
+    join();
     throw;
   }
-  end();
+  run.led = false;
+  join();
   if (run.publish_failure) std::rethrow_exception(run.publish_failure);
   if (run.feed_failure) std::rethrow_exception(run.feed_failure);
 }
@@ -274,8 +279,10 @@ void Pipeline::finish(TeamRun& run, FrameSlot& slot, std::int64_t turn, Team::Si
   }
   wait_for_turn(run.published);
   try {
-    if (!slot.broke_off && !run.failed.load(std::memory_order_relaxed))
+    if (!slot.broke_off && !run.failed.load(std::memory_order_relaxed)) {
+      complete(slot);
       publish(slot, run.publisher);
+    }
   } catch (...) {
     run.publish_failure = std::current_exception();
     run.failed.store(true, std::memory_order_release);

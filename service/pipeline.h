@@ -65,7 +65,7 @@ class Pipeline {
     std::shared_ptr<WindowFollower> follower;  ///< null if the windows stay
     std::shared_ptr<VortexTracker> tracker;    ///< null if the plan does not track
     std::vector<std::unique_ptr<FrameSlot>> slots;
-    /// How many slots, from the first, are in use; only the feeding thread touches it.
+    /// How many slots, from the first, are in use; only the thread that feeds touches it.
     std::size_t in_use = 0;
   };
 
@@ -75,18 +75,19 @@ class Pipeline {
   FrameSlot* renewed(FrameSlot* slot) noexcept;
   struct TeamRun;
 
-  std::size_t worker_count() const;
   void run_inline(Feed& feed, const Publisher& publisher);
   void run_team(Feed& feed, const Publisher& publisher);
   void work(TeamRun& run, std::size_t number);
   FrameSlot* lead(TeamRun& run, std::int64_t& turn) noexcept;
   void finish(TeamRun& run, FrameSlot& slot, std::int64_t turn, Team::Side side) noexcept;
   void run_stage(std::size_t stage, FrameSlot& slot) const noexcept;
+  void complete(FrameSlot& slot) const noexcept;
   bool is_late(const FrameSlot& slot) const noexcept;
   void publish(FrameSlot& slot, const Publisher& publisher);
   void count_lenslets(const Centroids& centroids) noexcept;
 
   PipelineOptions options_;
+  std::size_t workers_;  ///< that take frames, and slots of each set
   PipelineThreadStart thread_start_;
   std::vector<std::unique_ptr<SlotSet>> sets_;  ///< only adopt() touches it after construction
   std::int64_t sets_made_;                      ///< only adopt() touches it after construction

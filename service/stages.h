@@ -108,7 +108,8 @@ struct FrameSlot {
 struct Stage {
   const char* name;  ///< stands in reports and, in capitals, in the LATENCY table
   void (*run)(const Plan&, FrameSlot&) noexcept;  ///< takes the plan of the slot
-  bool in_order = false;  ///< takes frames in their order; the first stage always does
+  /// Takes frames in their order. The first stage always does, and at most one other.
+  bool in_order = false;
 };
 
 extern const std::array<Stage, kStageCount> kStages;

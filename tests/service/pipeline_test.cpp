@@ -164,17 +164,20 @@ TEST(PipelineOfWanderers, WindowsThatFollowAreTheSameInlineAndInATeam) {
   EXPECT_EQ(many.report.followed, one.report.followed);
 }
 
-// Frames of 288 × 288 px are shared by four workers, whose number the list of CPUs gives; spots
-// drift by a pitch, and are found anew after the dark.
+// Frames of 18 × 18 lenslets of 16 px are shared by four workers, whose number the list of CPUs
+// gives; spots drift by most of a pitch, and are found anew after the dark.
 TEST(PipelineOfLargeFrames, ATeamThatSharesThemIsInlineBitForBit) {
-  constexpr int kLargeWindow = 24;
-  Simulator drawing(moving_vortices(kFrames, kLargeWindow));
-  const Sensor sensor = sensor_of(drawing, kLargeWindow, 100.0);
+  constexpr int kSide = 2 * kTeamPieces + 2;  // so many rows are cut into pieces
+  SimulatorOptions large = moving_vortices(std::min<std::int64_t>(kFrames, 120), 16);
+  large.rows = large.cols = kSide;
+  Simulator drawing(large);
+  const Sensor sensor = sensor_of(drawing, large.window_px, 100.0);
   const auto run_with = [&](Threading threads) {
     Config config;
+    config.centroid.method = CentroidMethod::kWeighted;
     config.pipeline.threads = threads;
     config.pipeline.cpus = {0, 0, 0, 0};
-    Simulator simulator(moving_vortices(kFrames, kLargeWindow));
+    Simulator simulator(large);
     Pipeline pipeline(std::make_shared<const Plan>(sensor, simulator.format(), config),
                       config.pipeline);
     WanderingSource wanderer(simulator);
@@ -188,7 +191,7 @@ TEST(PipelineOfLargeFrames, ATeamThatSharesThemIsInlineBitForBit) {
   const Collected one = run_with(Threading::kInline);
   EXPECT_GE(one.report.followed[static_cast<std::size_t>(FollowState::kMoved)], 2);
   const Collected many = run_with(Threading::kTeam);
-  ASSERT_EQ(many.frames.size(), static_cast<std::size_t>(kFrames));
+  ASSERT_EQ(many.frames.size(), static_cast<std::size_t>(large.frames));
   EXPECT_EQ(many.report.followed, one.report.followed);
   for (std::size_t i = 0; i < one.frames.size(); ++i)
     ASSERT_TRUE(many.frames[i] == one.frames[i]) << "frame " << i;
@@ -296,6 +299,24 @@ TEST(PipelineReload, AnOptionWithoutEffectWhileTrackingIsRefused) {
   EXPECT_NO_THROW(Plan(sensor, simulator.format(), config));
   config.track.enabled = true;
   EXPECT_THROW(Plan(sensor, simulator.format(), config), UsageError);
+}
+
+// The second worker's frame is ready long before the first one's is published.
+TEST(PipelineOfATeam, WaitingForItsTurnIsPartOfAFramesLatency) {
+  CountingSource source(20, -1);
+  Config config;
+  config.pipeline.threads = Threading::kTeam;
+  config.pipeline.cpus = {0, 0};
+  config.pipeline.deadline_us = 2000.0;
+  Pipeline pipeline(
+      std::make_shared<const Plan>(tiled_sensor({4, 4, kWindow}), source.format(), config),
+      config.pipeline);
+  RecordedFeed feed(source, {});
+  Publisher publisher;
+  publisher.publish = [](const FrameSlot&) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  };
+  EXPECT_GE(pipeline.run(feed, publisher).late, 10);
 }
 
 class PipelineModes : public ::testing::TestWithParam<Threading> {
