@@ -9,7 +9,7 @@
 namespace curlew {
 
 /// Threads of one team share loops of independent pieces, and wait for each other. It is lock-free
-/// and never allocates. A wait spins for a bounded time, and a little longer for each piece that it
+/// and never allocates. A wait spins for a bounded time, anew after each piece that it
 /// helps with, and then parks, because the kernel stops a real-time thread that spins for ever.
 class Team {
  public:
@@ -67,7 +67,7 @@ class Team {
       const std::uint32_t bell = bell_.load(std::memory_order_acquire);
       do {
         if (condition()) return;
-        if (help(side)) spins = std::max(spins, kSpinsAfterPiece);
+        if (help(side)) spins = kSpins;
         relax();
         spins = std::max(spins - 1, 0);
       } while (spins > 0);
@@ -81,8 +81,8 @@ class Team {
   static constexpr int kBackBit = 12;
   static constexpr int kCountBit = 24;
   static constexpr int kRoundBit = 40;
-  static constexpr int kSpins = 100'000;           // some 100 to 300 µs, the time of a stage
-  static constexpr int kSpinsAfterPiece = 25'000;  // until the same frame's next loop
+  // Some 100 to 300 µs. Whoever parks within a frame costs the others more than that takes.
+  static constexpr int kSpins = 100'000;
 
   static int part_of(std::uint64_t ticket, int bit, int bits) noexcept {
     return static_cast<int>(ticket >> bit & ((std::uint64_t{1} << bits) - 1));

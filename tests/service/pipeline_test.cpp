@@ -171,7 +171,8 @@ TEST(PipelineOfLargeFrames, ATeamThatSharesThemIsInlineBitForBit) {
   SimulatorOptions large = moving_vortices(std::min<std::int64_t>(kFrames, 120), 16);
   large.rows = large.cols = kSide;
   Simulator drawing(large);
-  const Sensor sensor = sensor_of(drawing, large.window_px, 100.0);
+  Sensor sensor = sensor_of(drawing, large.window_px, 100.0);
+  sensor.method = CentroidMethod::kWeighted;
   const auto run_with = [&](Threading threads) {
     Config config;
     config.centroid.method = CentroidMethod::kWeighted;
