@@ -9,8 +9,8 @@
 namespace curlew {
 
 /// Threads of one team share loops of independent pieces, and wait for each other. It is lock-free
-/// and never allocates. A wait spins for a bounded time, anew after each piece that it
-/// helps with, and then parks, because the kernel stops a real-time thread that spins for ever.
+/// and never allocates. A wait spins for a bounded time, anew after each loop that was
+/// shared, and then parks, because the kernel stops a real-time thread that spins for ever.
 class Team {
  public:
   Team() = default;
@@ -29,7 +29,7 @@ class Team {
     work_ = &work;
     call_ = [](const void* shared, int i) { (*static_cast<const Work*>(shared))(i); };
     done_.store(0, std::memory_order_relaxed);
-    const std::uint64_t round = (ticket_.load(std::memory_order_relaxed) >> kRoundBit) + 1;
+    const std::uint64_t round = round_of(ticket_.load(std::memory_order_relaxed)) + 1;
     ticket_.store(round << kRoundBit | static_cast<std::uint64_t>(n) << kCountBit,
                   std::memory_order_release);
     ring();
@@ -63,8 +63,13 @@ class Team {
   template <typename Condition>
   void wait_until(const Condition& condition, Side side = Side::kBack) noexcept {
     int spins = kSpins;
+    std::uint64_t round = round_of(ticket_.load(std::memory_order_relaxed));
     while (true) {
       const std::uint32_t bell = bell_.load(std::memory_order_acquire);
+      // A loop that was missed is followed by others of the same frame.
+      const std::uint64_t now = round_of(ticket_.load(std::memory_order_relaxed));
+      if (now != round) spins = kSpins;
+      round = now;
       do {
         if (condition()) return;
         if (help(side)) spins = kSpins;
@@ -84,6 +89,7 @@ class Team {
   // Some 100 to 300 µs. Whoever parks within a frame costs the others more than that takes.
   static constexpr int kSpins = 100'000;
 
+  static std::uint64_t round_of(std::uint64_t ticket) noexcept { return ticket >> kRoundBit; }
   static int part_of(std::uint64_t ticket, int bit, int bits) noexcept {
     return static_cast<int>(ticket >> bit & ((std::uint64_t{1} << bits) - 1));
   }
