@@ -7,7 +7,7 @@ endif()
 # Suites stand at the beginning of a line and end with a full stop.
 string(REGEX MATCHALL "(^|\n)[^ \n]+\\.(\n|  #)" suites "${list}")
 set(cost 0)
-if("${labels}" MATCHES program)
+if(labels MATCHES program)
   set(cost 1000)
 endif()
 foreach(suite IN LISTS suites)
