@@ -31,6 +31,7 @@
 #include "tests/support/found_recordings.h"
 #include "tests/support/numbered_frames.h"
 #include "tests/support/paths.h"
+#include "tests/support/sanitized.h"
 #include "tests/support/scratch_directory.h"
 
 namespace curlew {
@@ -776,7 +777,8 @@ TEST(Recorder, SurvivesKillMinus9) {
     }
   }
   EXPECT_GT(with_files, 10) << "most must have lived until their first file";
-  EXPECT_GT(needed, 300) << "some must have lived longer than a second";
+  // Under a sanitizer on a busy machine a program may wait for seconds, and little must be there.
+  if (!kSanitized) EXPECT_GT(needed, 300) << "some must have lived longer than a second";
   if (!has_astropy) GTEST_SKIP() << "replayed, but astropy is not installed";
 }
 
