@@ -29,6 +29,14 @@ std::size_t count_workers(const PipelineOptions& options) {
   return std::clamp<std::size_t>(wanted, 1, options.slots);
 }
 
+void run_stage(std::size_t stage, FrameSlot& slot) noexcept {
+  const auto start = Clock::now();
+  kStages[stage].run(*slot.plan, slot);
+  if (slot.broke_off) return;
+  // What the first stage waits for the last rows of a frame is the camera's time.
+  slot.latency.stage_ns[stage] = nanoseconds_since(std::max(start, slot.frame->header.received));
+}
+
 }  // namespace
 
 Pipeline::Pipeline(std::shared_ptr<const Plan> plan, PipelineOptions options,
@@ -133,14 +141,6 @@ RunReport Pipeline::run(Feed& feed, const Publisher& publisher) {
     run_team(feed, publisher);
   report_.seconds = std::chrono::duration<double>(Clock::now() - start).count();
   return report_;
-}
-
-void Pipeline::run_stage(std::size_t stage, FrameSlot& slot) const noexcept {
-  const auto start = Clock::now();
-  kStages[stage].run(*slot.plan, slot);
-  if (slot.broke_off) return;
-  // What the first stage waits for the last rows of a frame is the camera's time.
-  slot.latency.stage_ns[stage] = nanoseconds_since(std::max(start, slot.frame->header.received));
 }
 
 /// Says how long the frame took until it can be published.

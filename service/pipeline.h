@@ -80,7 +80,6 @@ class Pipeline {
   void work(TeamRun& run, std::size_t number);
   FrameSlot* lead(TeamRun& run, std::int64_t& turn) noexcept;
   void finish(TeamRun& run, FrameSlot& slot, std::int64_t turn, Team::Side side) noexcept;
-  void run_stage(std::size_t stage, FrameSlot& slot) const noexcept;
   void complete(FrameSlot& slot) const noexcept;
   bool is_late(const FrameSlot& slot) const noexcept;
   void publish(FrameSlot& slot, const Publisher& publisher);
