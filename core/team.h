@@ -9,8 +9,8 @@
 namespace curlew {
 
 /// Threads of one team share loops of independent pieces, and wait for each other. It is lock-free
-/// and never allocates. A wait spins for a bounded time, anew after each loop that was
-/// shared, and then parks, because the kernel stops a real-time thread that spins for ever.
+/// and never allocates. A wait spins for a bounded time, anew after each loop that was shared, and
+/// then parks, because the kernel stops a real-time thread that spins for ever.
 class Team {
  public:
   Team() = default;
@@ -59,7 +59,8 @@ class Team {
     bell_.notify_all();
   }
 
-  /// Waits until condition() is true, and helps meanwhile. Whoever makes it true must ring.
+  /// Waits until condition() is true, and meanwhile helps from that side of shared loops. Whoever
+  /// makes the condition true must ring.
   template <typename Condition>
   void wait_until(const Condition& condition, Side side = Side::kBack) noexcept {
     int spins = kSpins;
@@ -127,10 +128,11 @@ class Team {
   alignas(kCacheLine) std::atomic<std::uint64_t> ticket_{0};
 };
 
+/// Into so many pieces share_rows() cuts a loop: enough for four threads of unequal speed.
 inline constexpr int kTeamPieces = 8;
 
 /// Calls work(piece, begin, end) for pieces of rows [first, last): for all of them at once, or with
-/// a team for kTeamPieces pieces, in any order.
+/// a team, where there are at least twice as many rows, for kTeamPieces pieces in any order.
 template <typename Work>
 void share_rows(Team* team, int first, int last, const Work& work) noexcept {
   const int rows = last - first;

@@ -184,7 +184,7 @@ struct Pipeline::TeamRun {
   std::atomic<bool> led{true};     ///< there is a leader, or the workers are not all there yet
   std::atomic<bool> ended{false};  ///< there are no more frames
   std::atomic<bool> failed{false};
-  std::atomic<std::int64_t> tracked{0};    ///< the frames that stages in order are done with
+  std::atomic<std::int64_t> tracked{0};    ///< the frames that the stage in order is done with
   std::atomic<std::int64_t> published{0};  ///< the frames that are published
   std::int64_t taken = 0;                  ///< frames; only the leader touches it
   // Read after the workers are joined.
@@ -237,7 +237,8 @@ void Pipeline::work(TeamRun& run, std::size_t number) {
   }
 }
 
-/// Takes the next frame and runs the first stage. Returns its slot, or null at the end.
+/// Takes the next frame, says the number of its turn and runs the first stage. Returns its slot, or
+/// null at the end.
 FrameSlot* Pipeline::lead(TeamRun& run, std::int64_t& turn) noexcept {
   constexpr std::int64_t kWorthSharing_px = 1 << 16;
   FrameSlot* slot = nullptr;

@@ -69,12 +69,12 @@ class Pipeline {
     std::size_t in_use = 0;
   };
 
+  struct TeamRun;  // what the workers of a run share
+
   std::unique_ptr<SlotSet> make_slots(std::shared_ptr<const Plan> plan);
   void make_state(const Plan& plan, SlotSet& set) const;
   void start_sets();
   FrameSlot* renewed(FrameSlot* slot) noexcept;
-  struct TeamRun;
-
   void run_inline(Feed& feed, const Publisher& publisher);
   void run_team(Feed& feed, const Publisher& publisher);
   void work(TeamRun& run, std::size_t number);
