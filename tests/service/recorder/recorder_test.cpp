@@ -778,7 +778,7 @@ TEST(Recorder, SurvivesKillMinus9) {
   }
   EXPECT_GT(with_files, 10) << "most must have lived until their first file";
   // Under a sanitizer on a busy machine a program may wait for seconds, and little must be there.
-  if (!kSanitized) EXPECT_GT(needed, 300) << "some must have lived longer than a second";
+  EXPECT_GE(needed, kSanitized ? 0 : 300) << "some must have lived longer than a second";
   if (!has_astropy) GTEST_SKIP() << "replayed, but astropy is not installed";
 }
 
