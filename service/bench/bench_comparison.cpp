@@ -91,24 +91,24 @@ ComparedFigure compare(const std::string& name, const Figure& before, const Figu
   ComparedFigure compared{name, before.median_us, now.median_us, 1.0, now.over_read, {}};
   compared.ratio = median(now.parts) / median(before.parts);
   if (before.parts.size() < kTimedParts || now.parts.size() < kTimedParts) {
-    compared.verdict = Verdict::kUnsure;
+    compared.change = FigureChange::kUnsure;
     return compared;
   }
   const auto [before_low, before_high] = range_of(before.parts);
   const auto [now_low, now_high] = range_of(now.parts);
   if (std::abs(compared.ratio - 1.0) <= kNotable) return compared;
-  if (now_low > before_high) compared.verdict = Verdict::kSlower;
-  if (now_high < before_low) compared.verdict = Verdict::kFaster;
+  if (now_low > before_high) compared.change = FigureChange::kSlower;
+  if (now_high < before_low) compared.change = FigureChange::kFaster;
   return compared;
 }
 
-const char* word_for(Verdict verdict) {
-  switch (verdict) {
-    case Verdict::kFaster:
+const char* word_for(FigureChange change) {
+  switch (change) {
+    case FigureChange::kFaster:
       return "faster";
-    case Verdict::kSlower:
+    case FigureChange::kSlower:
       return "slower";
-    case Verdict::kUnsure:
+    case FigureChange::kUnsure:
       return "too few rounds to tell";
     default:
       return "same";
@@ -152,7 +152,7 @@ Json comparison_json(const std::vector<ComparedFigure>& compared) {
                     {"now_us", figure.now_us},
                     {"ratio", figure.ratio},
                     {"over_read", figure.over_read},
-                    {"verdict", word_for(figure.verdict)}});
+                    {"verdict", word_for(figure.change)}});
   }
   return json;
 }
@@ -163,12 +163,12 @@ std::string comparison_text(const std::vector<ComparedFigure>& compared) {
   std::size_t changed = 0;
   bool any_over_read = false;
   for (const ComparedFigure& figure : compared) {
-    const bool same = figure.verdict == Verdict::kSame;
+    const bool same = figure.change == FigureChange::kSame;
     changed += same ? 0 : 1;
     any_over_read = any_over_read || figure.over_read;
     text += fmt::format("{:<52}{:>12.1f}{:>12.1f}{:>9.3f}{}  {}\n", figure.name, figure.before_us,
                         figure.now_us, figure.ratio, figure.over_read ? "r" : " ",
-                        same ? "" : word_for(figure.verdict));
+                        same ? "" : word_for(figure.change));
   }
   text +=
       fmt::format("{} of {} figures have changed by more than noise.{}\n", changed, compared.size(),

@@ -9,7 +9,7 @@
 
 namespace curlew {
 
-enum class Verdict : std::uint8_t {
+enum class FigureChange : std::uint8_t {
   kSame,    ///< the runs differ no more than the parts of a run do among themselves
   kFaster,  ///< than before
   kSlower,
@@ -25,7 +25,7 @@ struct ComparedFigure {
   /// times one, so that a machine that has become slower as a whole changes nothing.
   double ratio = 1.0;
   bool over_read = false;  ///< whether that unit was at hand
-  Verdict verdict = Verdict::kSame;
+  FigureChange change = FigureChange::kSame;
 };
 
 /// Compares all timed figures that both runs have. A run is cut into kTimedParts parts. A figure

@@ -12,19 +12,19 @@
 namespace curlew {
 namespace {
 
-constexpr float kNoise = 0.2F;  // rad a pitch
+constexpr float kSlopeNoise = 0.2F;  // rad a pitch
 constexpr std::size_t kCapacity = 1024;
 
 SlopeField noise_with_vortices(int rows, int cols, int vortices) {
   SlopeField slopes(rows, cols);
   std::mt19937 random(1);
-  std::normal_distribution<float> noise(0.0F, kNoise);
+  std::normal_distribution<float> noise(0.0F, kSlopeNoise);
   for (std::size_t k = 0; k < slopes.x.size(); ++k) {
     slopes.x[k] = noise(random);
     slopes.y[k] = noise(random);
   }
-  slopes.variance_x.fill(kNoise * kNoise);
-  slopes.variance_y.fill(kNoise * kNoise);
+  slopes.variance_x.fill(kSlopeNoise * kSlopeNoise);
+  slopes.variance_y.fill(kSlopeNoise * kSlopeNoise);
   slopes.valid.fill(1);
   slopes.n_valid = rows * cols;
   const VortexKernel kernel;

@@ -16,8 +16,8 @@ namespace {
 
 constexpr int kFrames = 8;
 constexpr std::size_t kWindowPixels = 100;
-constexpr float kNoise = 0.3F;      // rad a pitch
-constexpr float kVariance = 0.09F;  // of a lenslet of mean flux
+constexpr float kSplitNoise = 0.3F;  // rad a pitch
+constexpr float kVariance = 0.09F;   // of a lenslet of mean flux
 
 int count_faded(SplitDisturbance disturbance, std::size_t lit) {
   const auto part = [&](double of) {
@@ -196,7 +196,7 @@ Image<std::uint8_t> obscured_pupil(int rows, int cols) {
 SlopeField disturbed_slopes(const Image<std::uint8_t>& pupil, SplitDisturbance disturbance,
                             std::uint64_t seed) {
   std::mt19937_64 random(seed);
-  std::normal_distribution<float> noise(0.0F, kNoise);
+  std::normal_distribution<float> noise(0.0F, kSplitNoise);
   std::exponential_distribution<float> flux(1.0F);
   SlopeField slopes(pupil.rows(), pupil.cols());
   slopes.valid = pupil;

@@ -12,6 +12,7 @@
 #include "service/bench/position_benchmark.h"
 #include "service/commands/commands.h"
 #include "service/program/version.h"
+#include "service/results/json_float.h"
 #include "service/results/truth_match.h"
 
 namespace curlew {
@@ -23,10 +24,6 @@ struct BoundOptionsOfBench {
 };
 
 /// Returns null for a number that is not finite, because JSON has no NaN.
-nlohmann::ordered_json number(double value) {
-  return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
-}
-
 template <typename Value>
 Interval interval(const PositionCellResult& cell, Value value) {
   std::vector<double> values;
@@ -37,9 +34,9 @@ Interval interval(const PositionCellResult& cell, Value value) {
 template <typename Value>
 nlohmann::ordered_json figure_json(const PositionCellResult& cell, Value value) {
   const Interval range = interval(cell, value);
-  return {{"value", number(value(cell.score))},
-          {"low", number(range.low)},
-          {"high", number(range.high)}};
+  return {{"value", json_number(value(cell.score))},
+          {"low", json_number(range.low)},
+          {"high", json_number(range.high)}};
 }
 
 struct BoundMember {
@@ -57,7 +54,7 @@ constexpr std::array<BoundMember, 5> kBoundMembers = {{
 nlohmann::ordered_json cell_json(const PositionCellResult& cell) {
   nlohmann::ordered_json json;
   json["rytov_variance"] = cell.rytov_variance;
-  json["photons"] = number(cell.photons);
+  json["photons"] = json_number(cell.photons);
   json["learnt_from"] = cell.learnt_from;
   json["mode_power"] = cell.mode_power;
   json["required"] = cell.score.vortices;
@@ -75,9 +72,9 @@ nlohmann::ordered_json cell_json(const PositionCellResult& cell) {
     json["classes"].push_back({{"name", kind.name},
                                {"required", kind.score.vortices},
                                {"hits", kind.score.hits},
-                               {"classifier", number(kind.score.rms)},
-                               {"bound_4x4", number(kind.score.bounds[0].hits)},
-                               {"bound_6x6", number(kind.score.bounds[1].hits)}});
+                               {"classifier", json_number(kind.score.rms)},
+                               {"bound_4x4", json_number(kind.score.bounds[0].hits)},
+                               {"bound_6x6", json_number(kind.score.bounds[1].hits)}});
   }
   for (const PositionVortex& vortex : cell.vortices) {
     json["vortices"].push_back(
@@ -86,8 +83,8 @@ nlohmann::ordered_json cell_json(const PositionCellResult& cell) {
          {"y", vortex.truth.y},
          {"charge", vortex.truth.charge},
          {"light", vortex.light},
-         {"nearest", number(vortex.nearest)},
-         {"error", vortex.hit ? number(vortex.error) : nlohmann::ordered_json(nullptr)},
+         {"nearest", json_number(vortex.nearest)},
+         {"error", vortex.hit ? json_number(vortex.error) : nlohmann::json(nullptr)},
          {"bound_4x4", std::sqrt(vortex.bounds[0].variance)},
          {"bound_6x6", std::sqrt(vortex.bounds[1].variance)}});
   }

@@ -16,6 +16,7 @@
 #include "service/commands/commands.h"
 #include "service/commands/pupil_option.h"
 #include "service/program/version.h"
+#include "service/results/json_float.h"
 
 namespace curlew {
 namespace {
@@ -70,20 +71,16 @@ std::string photons_text(double photons) {
 }
 
 /// Returns null for a number that is not finite, because JSON has no NaN.
-nlohmann::ordered_json number(double value) {
-  return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
-}
-
 nlohmann::ordered_json row_json(const DetectionRowResult& row) {
   nlohmann::ordered_json json;
   json["name"] = row.name;
   json["method"] = row.method;
-  json["threshold"] = number(row.threshold);
+  json["threshold"] = json_number(row.threshold);
   for (const ScoreMember& member : kScoreMembers) {
     const Interval interval = interval_of(row.samples, member.value);
-    json[std::string(member.name)] = {{"value", number(row.score.*member.value)},
-                                      {"low", number(interval.low)},
-                                      {"high", number(interval.high)}};
+    json[std::string(member.name)] = {{"value", json_number(row.score.*member.value)},
+                                      {"low", json_number(interval.low)},
+                                      {"high", json_number(interval.high)}};
   }
   json["false_alarms_at_half"] = row.false_at_half;
   json["us_per_frame"] = row.microseconds;
@@ -109,7 +106,7 @@ nlohmann::ordered_json results_json(const DetectionBenchmarkOptions& options,
   for (const DetectionCellResult& cell : cells) {
     nlohmann::ordered_json entry;
     entry["rytov_variance"] = cell.rytov_variance;
-    entry["photons"] = number(cell.photons);
+    entry["photons"] = json_number(cell.photons);
     entry["required"] = cell.required;
     entry["measuring_ms"] = cell.measuring_ms;
     for (const DetectionRowResult& row : cell.rows) entry["rows"].push_back(row_json(row));

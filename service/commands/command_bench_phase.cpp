@@ -13,6 +13,7 @@
 #include "service/bench/phase_benchmark.h"
 #include "service/commands/commands.h"
 #include "service/program/version.h"
+#include "service/results/json_float.h"
 
 namespace curlew {
 namespace {
@@ -42,8 +43,7 @@ nlohmann::ordered_json results_json(const PhaseOptionsOfBench& options,
   for (const PhaseCellResult& cell : cells) {
     nlohmann::ordered_json entry;
     entry["rytov_variance"] = cell.rytov_variance;
-    entry["photons"] = std::isfinite(cell.photons) ? nlohmann::ordered_json(cell.photons)
-                                                   : nlohmann::ordered_json(nullptr);
+    entry["photons"] = json_number(cell.photons);
     entry["vortices"] = cell.true_vortices;
     entry["baseline"] = cell.baseline;
     for (const PhaseRowResult& row : cell.rows) {

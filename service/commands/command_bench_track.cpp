@@ -14,6 +14,7 @@
 #include "service/bench/tracking_benchmark.h"
 #include "service/commands/commands.h"
 #include "service/program/version.h"
+#include "service/results/json_float.h"
 
 namespace curlew {
 namespace {
@@ -58,14 +59,10 @@ bool is_better(const Figure& change, bool less_is_better) {
 }
 
 /// Returns null for a number that is not finite, because JSON has no NaN.
-nlohmann::ordered_json number(double value) {
-  return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
-}
-
 nlohmann::ordered_json json_of(const Figure& f) {
-  return {{"value", number(f.value)},
-          {"low", number(f.interval.low)},
-          {"high", number(f.interval.high)}};
+  return {{"value", json_number(f.value)},
+          {"low", json_number(f.interval.low)},
+          {"high", json_number(f.interval.high)}};
 }
 
 nlohmann::ordered_json results_json(const TrackingBenchmarkOptions& options,
@@ -81,7 +78,7 @@ nlohmann::ordered_json results_json(const TrackingBenchmarkOptions& options,
     nlohmann::ordered_json entry;
     entry["photons"] = cell.photons;
     entry["required"] = cell.tracked.figures.counts.required;
-    entry["threshold"] = number(cell.threshold);
+    entry["threshold"] = json_number(cell.threshold);
     entry["least_probability"] = cell.min_probability;
     entry["tracker_us"] = cell.tracker_us;
     for (const TrackingFigure& which : kTrackingFigures) {

@@ -47,7 +47,7 @@ std::vector<JitterRow> measure_jitter(const Config& config, double seconds) {
 }
 
 /// Returns the commands of all checks with this verdict.
-std::vector<std::string> commands_of(const std::vector<Check>& checks, Verdict verdict) {
+std::vector<std::string> commands_of(const std::vector<Check>& checks, CheckVerdict verdict) {
   std::vector<std::string> commands;
   for (const Check& check : checks)
     if (check.verdict == verdict)
@@ -106,8 +106,8 @@ void print_text(const std::vector<Check>& checks, const std::vector<JitterRow>& 
     if (!check.advice.empty()) fmt::print("{:39}→ {}\n", "", check.advice);
   }
   print_jitter(rows);
-  const std::vector<std::string> needed = commands_of(checks, Verdict::kBad);
-  const std::vector<std::string> useful = commands_of(checks, Verdict::kCouldBeBetter);
+  const std::vector<std::string> needed = commands_of(checks, CheckVerdict::kBad);
+  const std::vector<std::string> useful = commands_of(checks, CheckVerdict::kCouldBeBetter);
   fmt::print("\n{}\n", ready_for_real_time(checks) ? "ready for real time"
                        : needed.empty()            ? "not ready for real time: see what is bad"
                                                    : "not ready for real time; what makes it so:");
@@ -125,10 +125,10 @@ Check check_usb_cameras(const Config& config) {
     for (const std::string& sentence : usb_advice(config.camera.usb))
       check.advice.append(check.advice.empty() ? "" : "; ").append(sentence);
     if (check.advice.empty()) return check;
-    check.verdict = Verdict::kCouldBeBetter;
+    check.verdict = CheckVerdict::kCouldBeBetter;
     check.found = "they cannot all be used";
   } catch (const Failure& failure) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     check.found = failure.what();
   }
   return check;

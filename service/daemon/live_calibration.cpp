@@ -185,8 +185,8 @@ std::string LiveCalibration::use_reference(const std::string& taken) {
   const RecordingCalibration fresh =
       calibrate_on_frames(taken, {}, std::move(input), "the frames taken");
   Provenance provenance = provenance_of(config);
-  provenance.history.insert(provenance.history.begin(),
-                            "calibrated by the page on " + config.camera.source);
+  const std::string origin = "calibrated by the page on " + config.camera.source;
+  provenance.history.insert(provenance.history.begin(), origin);
   const std::string path = new_file(config.recorder.folder, "sensor");
   write_sensor(path, fresh.calibration.sensor, provenance);
   for (const std::string& note : fresh.calibration.notes) spdlog::info("{}: {}", path, note);

@@ -49,7 +49,7 @@ std::vector<Check> check_machine(const Machine& machine) {
 
 bool ready_for_real_time(const std::vector<Check>& checks) {
   return std::none_of(checks.begin(), checks.end(),
-                      [](const Check& check) { return check.verdict == Verdict::kBad; });
+                      [](const Check& check) { return check.verdict == CheckVerdict::kBad; });
 }
 
 }  // namespace curlew

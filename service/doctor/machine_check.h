@@ -10,7 +10,7 @@
 
 namespace curlew {
 
-enum class Verdict {
+enum class CheckVerdict {
   kGood,
   kCouldBeBetter,  ///< it works, with more jitter or less reserve than need be
   kBad,            ///< real time cannot be relied on
@@ -18,13 +18,13 @@ enum class Verdict {
 };
 constexpr std::array<std::string_view, 4> kVerdictWords = {"good", "could be better", "bad",
                                                            "not seen"};
-constexpr std::string_view word_of(Verdict verdict) {
+constexpr std::string_view word_of(CheckVerdict verdict) {
   return kVerdictWords[static_cast<std::size_t>(verdict)];
 }
 
 struct Check {
   std::string name;
-  Verdict verdict = Verdict::kGood;
+  CheckVerdict verdict = CheckVerdict::kGood;
   std::string found;                  ///< what was found
   std::string advice;                 ///< what to change, in words; empty: nothing
   std::vector<std::string> commands;  ///< what to type into a shell for that

@@ -15,7 +15,7 @@ Check check_kernel(const Machine&, const MachineFiles& files) {
   Check check;
   check.found = fmt::format("Linux {}, {} PREEMPT_RT", release, rt ? "with" : "without");
   if (rt) return check;
-  check.verdict = Verdict::kCouldBeBetter;
+  check.verdict = CheckVerdict::kCouldBeBetter;
   check.advice = "a PREEMPT_RT kernel shortens the longest wake-ups";
   check.commands = {"sudo apt install linux-image-rt-$(dpkg --print-architecture)  # then reboot"};
   return check;
@@ -26,7 +26,7 @@ Check check_rt_throttling(const Machine&, const MachineFiles& files) {
   const auto period_us = files.number("/proc/sys/kernel/sched_rt_period_us").value_or(1000000);
   Check check;
   if (!runtime_us) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     check.found = "sched_rt_runtime_us cannot be seen here";
     return check;
   }
@@ -42,7 +42,7 @@ Check check_rt_throttling(const Machine&, const MachineFiles& files) {
   if (*runtime_us < 0 ||
       static_cast<double>(*runtime_us) >= kUsual * static_cast<double>(period_us))
     return check;
-  check.verdict = *runtime_us == 0 ? Verdict::kBad : Verdict::kCouldBeBetter;
+  check.verdict = *runtime_us == 0 ? CheckVerdict::kBad : CheckVerdict::kCouldBeBetter;
   check.advice = "the kernel stops real-time threads that use more";
   check.commands = {
       fmt::format("sudo sysctl -w kernel.sched_rt_runtime_us={}", period_us / 100 * 95)};
@@ -55,13 +55,13 @@ Check check_clock_source(const Machine&, const MachineFiles& files) {
   Check check;
   check.found = source.value_or("cannot be seen here");
   if (!source) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     return check;
   }
   // These clocks are read without a system call.
   for (const char* fast : {"tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page"})
     if (*source == fast) return check;
-  check.verdict = Verdict::kBad;
+  check.verdict = CheckVerdict::kBad;
   check.advice = "reading it is a system call or a slow device";
   const auto choice = files.text(folder + "available_clocksource").value_or("");
   if (choice.rfind("tsc", 0) == 0 || choice.find(" tsc") != std::string::npos)
@@ -76,13 +76,13 @@ Check check_huge_pages(const Machine&, const MachineFiles& files) {
   const std::string setting = files.text(kSetting).value_or("");
   Check check;
   if (setting.empty()) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     check.found = "the kernel has no transparent huge pages";
     return check;
   }
   check.found = fmt::format("transparent huge pages: {}", setting);
   if (setting.find("[madvise]") != std::string::npos) return check;
-  check.verdict = Verdict::kCouldBeBetter;
+  check.verdict = CheckVerdict::kCouldBeBetter;
   check.advice =
       setting.find("[never]") != std::string::npos
           ? "huge_pages may have no effect; let programs ask for them"
@@ -104,7 +104,7 @@ Check check_swap(const Machine& machine, const MachineFiles& files) {
     check.found += "; the configuration locks the program's memory";
     return check;
   }
-  check.verdict = Verdict::kCouldBeBetter;
+  check.verdict = CheckVerdict::kCouldBeBetter;
   check.advice = "set [realtime] lock_memory = true, or switch swap off";
   check.commands = {"sudo swapoff -a"};
   return check;

@@ -131,13 +131,13 @@ Check check_interfaces(const Machine& machine, const MachineFiles& files, const 
     all_good = all_good && finding.good;
   }
   if (check.found.empty()) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     check.found = "no network interface but loopback";
     return check;
   }
   if (is_known) check.found += ", " + link.sentence;
   if (all_good) return check;
-  check.verdict = Verdict::kCouldBeBetter;
+  check.verdict = CheckVerdict::kCouldBeBetter;
   check.advice = advice;
   if (!is_known) check.advice += "; " + link.sentence;
   check.commands = {is_known ? command(link.interface)
@@ -198,7 +198,7 @@ Check check_camera_network(const Machine& machine, const MachineFiles& files) {
     check.found = fmt::format("nobody but the camera is seen on {}", link.interface);
     return check;
   }
-  check.verdict = Verdict::kCouldBeBetter;
+  check.verdict = CheckVerdict::kCouldBeBetter;
   check.found = fmt::format("{}, {}, is shared with {}", link.interface, link.sentence, others);
   check.advice =
       "GigE Vision has no password: whoever is on the camera's network can take the camera over or "
@@ -213,14 +213,14 @@ Check check_socket_buffer(const Machine& machine, const MachineFiles& files) {
   const auto max_bytes = files.number("/proc/sys/net/core/rmem_max");
   Check check;
   if (!max_bytes) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     check.found = "net.core.rmem_max cannot be seen here";
     return check;
   }
   check.found = fmt::format("net.core.rmem_max is {}, [camera] socket_buffer_bytes {}", *max_bytes,
                             wanted_bytes);
   if (*max_bytes >= wanted_bytes) return check;
-  check.verdict = *max_bytes < kTooSmall_bytes ? Verdict::kBad : Verdict::kCouldBeBetter;
+  check.verdict = *max_bytes < kTooSmall_bytes ? CheckVerdict::kBad : CheckVerdict::kCouldBeBetter;
   check.advice = "packets that find the buffer full are lost";
   check.commands = {
       fmt::format("echo net.core.rmem_max={} | sudo tee "
@@ -246,7 +246,7 @@ Check check_packet_loss(const Machine&, const MachineFiles& files) {
   const std::int64_t bad = udp_counter(files, "InErrors");
   Check check;
   if (!files.exists("/proc/net/snmp")) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     check.found = "/proc/net/snmp cannot be seen here";
     return check;
   }
@@ -255,7 +255,7 @@ Check check_packet_loss(const Machine&, const MachineFiles& files) {
       "socket buffer",
       udp_counter(files, "InDatagrams"), bad, full);
   if (bad == 0 && full == 0) return check;
-  check.verdict = Verdict::kCouldBeBetter;
+  check.verdict = CheckVerdict::kCouldBeBetter;
   check.advice = full > 0 ? "a larger [camera] socket_buffer_bytes, or a [realtime] "
                             "camera_priority, if the number grows while streaming"
                           : "look at cable and switch if the number grows while streaming";
@@ -286,14 +286,14 @@ Check check_usb_memory(const Machine&, const MachineFiles& files) {
   const auto limit_mb = files.number(kSetting);
   Check check;
   if (!limit_mb) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     check.found = "the kernel has no USB, or does not show it here";
     return check;
   }
   check.found = *limit_mb == 0 ? std::string("usbfs_memory_mb is 0: no limit")
                                : fmt::format("usbfs_memory_mb is {}", *limit_mb);
   if (*limit_mb == 0 || *limit_mb >= kEnough_mb) return check;
-  check.verdict = Verdict::kCouldBeBetter;
+  check.verdict = CheckVerdict::kCouldBeBetter;
   check.advice = "transfers of a few large frames do not fit";
   check.commands = {fmt::format("echo 1000 | sudo tee {}", kSetting)};
   return check;

@@ -37,13 +37,13 @@ Check check_cpu_count(const Machine&, const MachineFiles& files) {
   check.found = fmt::format("{} CPUs ({}){}", online.size(), or_none(cpu_text(online)),
                             siblings ? ", two or more share a core (SMT)" : ", a core each");
   if (online.empty()) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     check.found = "the kernel does not list the CPUs";
   } else if (online.size() < 2) {
-    check.verdict = Verdict::kBad;
+    check.verdict = CheckVerdict::kBad;
     check.advice = "camera, pipeline and all other work share one CPU; use a machine with more";
   } else if (siblings) {
-    check.verdict = Verdict::kCouldBeBetter;
+    check.verdict = CheckVerdict::kCouldBeBetter;
     check.advice = "a sibling's work slows its core; switch SMT off, or leave siblings idle";
     check.commands = {"echo off | sudo tee /sys/devices/system/cpu/smt/control"};
   }
@@ -55,14 +55,14 @@ Check check_chosen_cpus(const Machine& machine, const MachineFiles& files) {
   const std::vector<int> missing = without(chosen, files.online_cpus());
   Check check;
   if (chosen.empty()) {
-    check.verdict = Verdict::kCouldBeBetter;
+    check.verdict = CheckVerdict::kCouldBeBetter;
     check.found = "the configuration binds no thread to a CPU";
     check.advice = "set [pipeline] cpus and [realtime] camera_cpus";
     return check;
   }
   check.found = fmt::format("the configuration uses CPU {}", cpu_text(chosen));
   if (missing.empty()) return check;
-  check.verdict = Verdict::kBad;
+  check.verdict = CheckVerdict::kBad;
   check.advice = fmt::format(
       "CPU {} is not there; correct [pipeline] cpus and [realtime] camera_cpus", cpu_text(missing));
   return check;
@@ -79,7 +79,7 @@ Check check_isolation(const Machine& machine, const MachineFiles& files) {
   const std::vector<int> disturbed = without(chosen_cpus(machine.config), isolated);
   if (!isolated.empty() && disturbed.empty()) return check;
   if (!isolated.empty()) {
-    check.verdict = Verdict::kCouldBeBetter;
+    check.verdict = CheckVerdict::kCouldBeBetter;
     check.advice = fmt::format("the configuration uses CPU {}, which other work uses too",
                                cpu_text(disturbed));
     return check;
@@ -90,7 +90,7 @@ Check check_isolation(const Machine& machine, const MachineFiles& files) {
   }
   const auto half = static_cast<std::ptrdiff_t>(online.size() / 2);
   const std::string cpus = cpu_text({online.begin() + half, online.end()});
-  check.verdict = Verdict::kCouldBeBetter;
+  check.verdict = CheckVerdict::kCouldBeBetter;
   check.advice =
       fmt::format("keep other work off some CPUs, {} for one, and bind the threads to them", cpus);
   check.commands = {
@@ -108,7 +108,7 @@ Check check_governor(const Machine&, const MachineFiles& files) {
       governors.insert(*governor);
   Check check;
   if (governors.empty()) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     check.found = "governor and turbo cannot be seen here";
     return check;
   }
@@ -117,7 +117,7 @@ Check check_governor(const Machine&, const MachineFiles& files) {
   const auto boost = files.number(std::string(kCpus) + "cpufreq/boost");
   if (no_turbo || boost) check.found += no_turbo == 1 || boost == 0 ? ", turbo off" : ", turbo on";
   if (governors == std::set<std::string>{"performance"}) return check;
-  check.verdict = Verdict::kBad;
+  check.verdict = CheckVerdict::kBad;
   check.advice = "a CPU that slows down between frames is slow when one comes";
   check.commands = {
       "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"};
@@ -138,7 +138,7 @@ Check check_c_states(const Machine& machine, const MachineFiles& files) {
   }
   Check check;
   if (wakeup_us < 0) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     check.found = "C-states cannot be seen here";
     return check;
   }
@@ -146,7 +146,7 @@ Check check_c_states(const Machine& machine, const MachineFiles& files) {
   const int hold_us = machine.config.realtime.max_cpu_wakeup_us;
   if (hold_us >= 0) check.found += fmt::format("; the configuration holds it to {} µs", hold_us);
   if (wakeup_us <= kLongWakeup_us || hold_us >= 0) return check;
-  check.verdict = Verdict::kCouldBeBetter;
+  check.verdict = CheckVerdict::kCouldBeBetter;
   check.advice = "set [realtime] max_cpu_wakeup_us = 0, or a few µs";
   return check;
 }
@@ -157,7 +157,7 @@ Check check_virtual(const Machine&, const MachineFiles& files) {
   Check check;
   check.found = is_virtual ? "a virtual machine" : "no virtual machine seen";
   if (is_virtual) {
-    check.verdict = Verdict::kCouldBeBetter;
+    check.verdict = CheckVerdict::kCouldBeBetter;
     check.advice = "its host's other work adds jitter that nothing in here can cure";
   }
   return check;

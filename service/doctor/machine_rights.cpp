@@ -21,7 +21,7 @@ Check check_build(const Machine& machine, const MachineFiles&) {
   Check check;
   check.found = fmt::format("a {} build", machine.build_type);
   if (machine.build_type == "Release" || machine.build_type == "RelWithDebInfo") return check;
-  check.verdict = Verdict::kBad;
+  check.verdict = CheckVerdict::kBad;
   check.advice = "only an optimised build keeps up";
   check.commands = {"./dev build"};
   return check;
@@ -37,7 +37,7 @@ Check check_rtprio(const Machine& machine, const MachineFiles& files) {
       fmt::format("RLIMIT_RTPRIO is {}, {} CAP_SYS_NICE",
                   limit ? std::to_string(*limit) : "unlimited", capable ? "with" : "without");
   if (capable || !limit || *limit >= wanted) return check;
-  check.verdict = Verdict::kBad;
+  check.verdict = CheckVerdict::kBad;
   check.advice = fmt::format(
       "priority {} will be refused; allow it (the packaged service is allowed it by its unit)",
       wanted);
@@ -55,7 +55,7 @@ Check check_memlock(const Machine&, const MachineFiles& files) {
                         : std::string("unlimited"),
                   capable ? "with" : "without");
   if (capable || !limit) return check;
-  check.verdict = Verdict::kBad;
+  check.verdict = CheckVerdict::kBad;
   check.advice = "lock_memory will be refused; lift the limit (the packaged service has none)";
   check.commands = {limit_command("memlock unlimited")};
   return check;
@@ -65,14 +65,14 @@ Check check_dma_latency(const Machine&, const MachineFiles& files) {
   constexpr const char* kDevice = "/dev/cpu_dma_latency";
   Check check;
   if (!files.exists(kDevice)) {
-    check.verdict = Verdict::kNotSeen;
+    check.verdict = CheckVerdict::kNotSeen;
     check.found = fmt::format("there is no {}", kDevice);
     return check;
   }
   const bool writable = files.writable(kDevice);
   check.found = fmt::format("{} is {}", kDevice, writable ? "writable" : "not writable");
   if (writable) return check;
-  check.verdict = Verdict::kCouldBeBetter;
+  check.verdict = CheckVerdict::kCouldBeBetter;
   check.advice = "max_cpu_wakeup_us will be refused; let this user write it";
   check.commands = {fmt::format("sudo setfacl -m u:$USER:rw {}", kDevice)};
   return check;

@@ -15,7 +15,7 @@ using std::chrono::milliseconds;
 
 constexpr std::size_t kShortestToken = 16;
 // A frame of a replay that does not exist is not waited for longer than this.
-constexpr milliseconds kLongestWait{2000};
+constexpr milliseconds kMaxFrameWait{2000};
 
 const char* const kHeaders =
     "Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -162,7 +162,7 @@ std::optional<HttpAnswer> PageServer::show(const HttpRequest& request, milliseco
     PageMessage message =
         request.path == "/sensor" ? source_.sensor(*number) : source_.frame(*number, waited);
     if (message) return good("application/octet-stream", std::move(message));
-    if (request.path == "/frame" && waited < kLongestWait) return std::nullopt;
+    if (request.path == "/frame" && waited < kMaxFrameWait) return std::nullopt;
     return plain_answer(404, "there is no such number\n");
   }
   HttpAnswer made = file_answer(request.path);

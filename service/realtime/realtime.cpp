@@ -28,7 +28,7 @@ namespace curlew {
 namespace {
 
 constexpr std::uintptr_t kHugePageBytes = std::uintptr_t{2} << 20;
-constexpr const char* kStatus = "/proc/self/status";
+constexpr const char* kProcessStatus = "/proc/self/status";
 constexpr const char* kMemory = "/proc/self/smaps_rollup";
 constexpr int kCapIpcLock = 14;
 constexpr int kCapSysNice = 23;
@@ -45,7 +45,7 @@ std::optional<std::uint64_t> field_of(const char* file, const std::string& name,
 }
 
 bool has_capability(int capability) {
-  const auto effective = field_of(kStatus, "CapEff", 16);
+  const auto effective = field_of(kProcessStatus, "CapEff", 16);
   return effective && ((*effective >> capability) & 1U) != 0;
 }
 
@@ -216,7 +216,7 @@ void ProcessRealtime::use_huge_pages() {
 void ProcessRealtime::lock_memory() {
   const rlim_t limit = raised_limit(RLIMIT_MEMLOCK);
   const bool unlimited = limit == RLIM_INFINITY || has_capability(kCapIpcLock);
-  const std::uint64_t size_kb = field_of(kStatus, "VmSize").value_or(0);
+  const std::uint64_t size_kb = field_of(kProcessStatus, "VmSize").value_or(0);
   const std::string limit_text =
       limit == RLIM_INFINITY ? std::string("unlimited") : fmt::format("{} MB", limit >> 20);
   // Under a limit MCL_FUTURE would make later allocations fail, and a locked stack could not grow.
@@ -236,7 +236,7 @@ void ProcessRealtime::lock_memory() {
         reason(error), megabytes(size_kb), limit_text));
     return;
   }
-  if (field_of(kStatus, "VmLck").value_or(0) == 0) {
+  if (field_of(kProcessStatus, "VmLck").value_or(0) == 0) {
     refused_.emplace_back(
         "memory is not locked although mlockall succeeded: VmLck is 0, as under a sanitizer");
     return;

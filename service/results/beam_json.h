@@ -1,10 +1,10 @@
 // The beam's figures as JSON, for status and page.
 #pragma once
 
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "service/results/beam_figures.h"
+#include "service/results/json_float.h"
 
 namespace curlew {
 
@@ -12,10 +12,7 @@ namespace curlew {
 /// (null where the pitch is not known) and rim; or with `without`, which says why there are none.
 inline nlohmann::ordered_json beam_json(const BeamFigures& beam, double pitch_m) {
   if (!beam.is_lit()) return {{"without", "no lenslet has light"}};
-  const auto mm = [&](double lenslets) {
-    return std::isfinite(pitch_m) ? nlohmann::ordered_json(1e3 * pitch_m * lenslets)
-                                  : nlohmann::ordered_json(nullptr);
-  };
+  const auto mm = [&](double lenslets) { return json_number(1e3 * pitch_m * lenslets); };
   return {{"x", beam.x},
           {"y", beam.y},
           {"d4sigma_x", beam.d4sigma_x},

@@ -1,4 +1,4 @@
-// This file declares how a float stands in JSON.
+// How a float and a double stand in JSON.
 #pragma once
 
 #include <charconv>
@@ -6,6 +6,11 @@
 #include <nlohmann/json.hpp>
 
 namespace curlew {
+
+/// Returns the number, or null if it is not finite, because JSON has none of those.
+inline nlohmann::json json_number(double value) {
+  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
+}
 
 /// Returns the shortest decimals that read back as the same float, or null for a number that is not
 /// finite, because JSON has none.

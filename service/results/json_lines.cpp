@@ -19,7 +19,7 @@
 namespace curlew {
 namespace {
 
-constexpr std::size_t kBufferBytes = 1 << 16;
+constexpr std::size_t kLineBufferBytes = 1 << 16;
 
 }  // namespace
 
@@ -44,7 +44,7 @@ JsonLines::~JsonLines() {
 
 void JsonLines::add(const FrameResult& result, const AirReport* air) {
   append_json_line(result, buffer_, air);
-  if (partial_.empty() || buffer_.size() >= kBufferBytes) write_out();
+  if (partial_.empty() || buffer_.size() >= kLineBufferBytes) write_out();
 }
 
 void JsonLines::commit() {

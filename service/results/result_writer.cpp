@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t kResults = 512;  // so many may wait: half a second at 1 kHz
 constexpr std::int64_t kFlushUs = 200'000;
-constexpr std::size_t kBufferBytes = 1 << 16;
+constexpr std::size_t kTextBytes = 1 << 16;
 
 }  // namespace
 
@@ -58,7 +58,7 @@ void ResultWriter::write() {
       append(*result);
       queue_.give_back(result);
     }
-    if (!lines_.is_stream() && text_.size() < kBufferBytes &&
+    if (!lines_.is_stream() && text_.size() < kTextBytes &&
         nanoseconds_since(flushed) < kFlushUs * 1000)
       continue;
     write_out();

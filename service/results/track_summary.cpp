@@ -11,11 +11,11 @@
 namespace curlew {
 namespace {
 
-constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+constexpr double kNotKnown = std::numeric_limits<double>::quiet_NaN();
 
 struct Line {
-  double slope = kUnknown;
-  double error = kUnknown;
+  double slope = kNotKnown;
+  double error = kNotKnown;
 };
 
 /// Fits a straight line to n values v at the times t, by their sums.
@@ -23,7 +23,7 @@ Line fit_line(double n, double t, double tt, double v, double vv, double vt) {
   const double spread = tt - t * t / n;
   if (n < 2.0 || !(spread > 0.0)) return {};
   const double slope = (vt - t * v / n) / spread;
-  if (n < 3.0) return {slope, kUnknown};
+  if (n < 3.0) return {slope, kNotKnown};
   const double residual = std::max(0.0, vv - v * v / n - slope * slope * spread);
   return {slope, std::sqrt(residual / (n - 2.0) / spread)};
 }

@@ -130,7 +130,7 @@ class MadeUpMachine : public ::testing::Test {
     return {};
   }
   /// Expects that this one check has the verdict and the words, and that all other checks are good.
-  void expect(const std::string& name, Verdict verdict,
+  void expect(const std::string& name, CheckVerdict verdict,
               const std::vector<std::string>& words) const {
     SCOPED_TRACE(name);
     const Check found = check(name);
@@ -138,7 +138,7 @@ class MadeUpMachine : public ::testing::Test {
     std::string text = found.found + "\n" + found.advice + "\n";
     for (const std::string& command : found.commands) text += command + "\n";
     for (const std::string& word : words) EXPECT_THAT(text, HasSubstr(word));
-    if (verdict == Verdict::kCouldBeBetter || verdict == Verdict::kBad)
+    if (verdict == CheckVerdict::kCouldBeBetter || verdict == CheckVerdict::kBad)
       EXPECT_NE(found.advice, "");
     else
       EXPECT_EQ(found.advice, "");
@@ -175,143 +175,145 @@ TEST(Doctor, AMachineThatShowsNothingIsNotSeenAndHarmsNobody) {
 
 TEST_F(MadeUpMachine, ADebugBuild) {
   machine_.build_type = "Debug";
-  expect("build", Verdict::kBad, {"Debug", "./dev build"});
+  expect("build", CheckVerdict::kBad, {"Debug", "./dev build"});
   EXPECT_FALSE(ready_for_real_time(check_machine(machine_)));
 }
 
 TEST_F(MadeUpMachine, PriorityBelowWhatTheConfigurationAsks) {
   write("/proc/self/limits", limits("59", "unlimited"));
-  expect("real-time priority", Verdict::kBad, {"RLIMIT_RTPRIO is 59", "priority 60", "rtprio 99"});
+  expect("real-time priority", CheckVerdict::kBad,
+         {"RLIMIT_RTPRIO is 59", "priority 60", "rtprio 99"});
   write("/proc/self/limits", limits("60", "unlimited"));
-  expect("real-time priority", Verdict::kGood, {"RLIMIT_RTPRIO is 60"});
+  expect("real-time priority", CheckVerdict::kGood, {"RLIMIT_RTPRIO is 60"});
   write("/proc/self/limits", limits("0", "unlimited"));
   write("/proc/self/status", "CapEff:\t0000000000800000\n");
-  expect("real-time priority", Verdict::kGood, {"with CAP_SYS_NICE"});
+  expect("real-time priority", CheckVerdict::kGood, {"with CAP_SYS_NICE"});
 }
 
 TEST_F(MadeUpMachine, MemoryThatCannotBeLocked) {
   write("/proc/self/limits", limits("95", "8388608"));
-  expect("memory lock", Verdict::kBad, {"RLIMIT_MEMLOCK is 8 MB", "memlock unlimited"});
+  expect("memory lock", CheckVerdict::kBad, {"RLIMIT_MEMLOCK is 8 MB", "memlock unlimited"});
   write("/proc/self/status", "CapEff:\t0000000000004000\n");
-  expect("memory lock", Verdict::kGood, {"with CAP_IPC_LOCK"});
+  expect("memory lock", CheckVerdict::kGood, {"with CAP_IPC_LOCK"});
 }
 
 TEST_F(MadeUpMachine, Governor) {
   write(kCpus + std::string("cpu7/cpufreq/scaling_governor"), "powersave\n");
-  expect("CPU frequency", Verdict::kBad,
+  expect("CPU frequency", CheckVerdict::kBad,
          {"performance, powersave", "turbo on", "echo performance | sudo tee"});
   remove(kCpus + std::string("cpu0/cpufreq"));
   remove(kCpus + std::string("cpu7/cpufreq"));
-  expect("CPU frequency", Verdict::kNotSeen, {"cannot be seen here"});
+  expect("CPU frequency", CheckVerdict::kNotSeen, {"cannot be seen here"});
 }
 
 TEST_F(MadeUpMachine, DeepCStates) {
   c_state("state2", "C6", "133");
-  expect("C-states", Verdict::kCouldBeBetter, {"C6", "133 µs", "max_cpu_wakeup_us"});
+  expect("C-states", CheckVerdict::kCouldBeBetter, {"C6", "133 µs", "max_cpu_wakeup_us"});
   machine_.config.realtime.max_cpu_wakeup_us = 0;
-  expect("C-states", Verdict::kGood, {"holds it to 0 µs"});
+  expect("C-states", CheckVerdict::kGood, {"holds it to 0 µs"});
   machine_.config.realtime.max_cpu_wakeup_us = -1;
   write(kCpus + std::string("cpu0/cpuidle/state2/disable"), "1\n");
-  expect("C-states", Verdict::kGood, {"C1", "2 µs"});
+  expect("C-states", CheckVerdict::kGood, {"C1", "2 µs"});
   remove(kCpus + std::string("cpu0/cpuidle"));
-  expect("C-states", Verdict::kNotSeen, {"cannot be seen here"});
+  expect("C-states", CheckVerdict::kNotSeen, {"cannot be seen here"});
 }
 
 TEST_F(MadeUpMachine, NoLatencyDevice) {
   remove("/dev/cpu_dma_latency");
-  expect("C-state hold", Verdict::kNotSeen, {"no /dev/cpu_dma_latency"});
+  expect("C-state hold", CheckVerdict::kNotSeen, {"no /dev/cpu_dma_latency"});
 }
 
 TEST_F(MadeUpMachine, Processors) {
   write(kCpus + std::string("smt/active"), "1\n");
-  expect("CPUs", Verdict::kCouldBeBetter, {"8 CPUs (0-7)", "SMT", "smt/control"});
+  expect("CPUs", CheckVerdict::kCouldBeBetter, {"8 CPUs (0-7)", "SMT", "smt/control"});
   write(kCpus + std::string("smt/active"), "0\n");
   machine_.config.pipeline.cpus = {4, 8, 9};
   const Check pinning = check("pinning");
-  EXPECT_EQ(pinning.verdict, Verdict::kBad);
+  EXPECT_EQ(pinning.verdict, CheckVerdict::kBad);
   EXPECT_THAT(pinning.found, HasSubstr("4,6,8-9"));
   EXPECT_THAT(pinning.advice, HasSubstr("CPU 8-9 is not there"));
   machine_.config.pipeline.cpus = {};
   machine_.config.realtime.camera_cpus = {};
-  expect("pinning", Verdict::kCouldBeBetter, {"[pipeline] cpus"});
+  expect("pinning", CheckVerdict::kCouldBeBetter, {"[pipeline] cpus"});
 }
 
 TEST_F(MadeUpMachine, OneCpu) {
   write(kCpus + std::string("online"), "0\n");
   const Check cpus = check("CPUs");
-  EXPECT_EQ(cpus.verdict, Verdict::kBad);
+  EXPECT_EQ(cpus.verdict, CheckVerdict::kBad);
   EXPECT_THAT(cpus.found, HasSubstr("1 CPUs (0)"));
 }
 
 TEST_F(MadeUpMachine, Isolation) {
   machine_.config.pipeline.cpus = {2, 5};
-  expect("isolated CPUs", Verdict::kCouldBeBetter, {"4-7", "uses CPU 2,"});
+  expect("isolated CPUs", CheckVerdict::kCouldBeBetter, {"4-7", "uses CPU 2,"});
   machine_.config.pipeline.cpus = {4, 5};
   write(kCpus + std::string("isolated"), "\n");
   write(kCpus + std::string("nohz_full"), "(null)\n");
-  expect("isolated CPUs", Verdict::kCouldBeBetter,
+  expect("isolated CPUs", CheckVerdict::kCouldBeBetter,
          {"isolated: none", "nohz_full): none", "isolcpus=4-7 nohz_full=4-7", "update-grub"});
   write(kCpus + std::string("online"), "0-1\n");
   machine_.config.pipeline.cpus = {0};
   machine_.config.realtime.camera_cpus = {1};
-  expect("isolated CPUs", Verdict::kGood, {"with so few CPUs"});
+  expect("isolated CPUs", CheckVerdict::kGood, {"with so few CPUs"});
 }
 
 TEST_F(MadeUpMachine, Host) {
   write("/proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu hypervisor\n");
-  expect("host", Verdict::kCouldBeBetter, {"a virtual machine"});
+  expect("host", CheckVerdict::kCouldBeBetter, {"a virtual machine"});
 }
 
 TEST_F(MadeUpMachine, Kernel) {
   write("/proc/version", "Linux version 6.1.0-18 (x@y) #1 SMP PREEMPT_DYNAMIC Debian\n");
-  expect("kernel", Verdict::kCouldBeBetter, {"6.1.0-18", "without PREEMPT_RT", "linux-image-rt"});
+  expect("kernel", CheckVerdict::kCouldBeBetter,
+         {"6.1.0-18", "without PREEMPT_RT", "linux-image-rt"});
   write("/sys/kernel/realtime", "1\n");
-  expect("kernel", Verdict::kGood, {"with PREEMPT_RT"});
+  expect("kernel", CheckVerdict::kGood, {"with PREEMPT_RT"});
 }
 
 TEST_F(MadeUpMachine, Throttling) {
   const std::string setting = "/proc/sys/kernel/sched_rt_runtime_us";
   write(setting, "-1\n");
-  expect("real-time throttling", Verdict::kGood, {"never"});
+  expect("real-time throttling", CheckVerdict::kGood, {"never"});
   write(setting, "500000\n");
-  expect("real-time throttling", Verdict::kCouldBeBetter,
+  expect("real-time throttling", CheckVerdict::kCouldBeBetter,
          {"50 %", "sudo sysctl -w kernel.sched_rt_runtime_us=950000"});
   write(setting, "0\n");
-  expect("real-time throttling", Verdict::kBad, {"0 %"});
+  expect("real-time throttling", CheckVerdict::kBad, {"0 %"});
 }
 
 TEST_F(MadeUpMachine, ClockSource) {
   write(kClock + std::string("current_clocksource"), "hpet\n");
-  expect("clock source", Verdict::kBad, {"hpet", "echo tsc | sudo tee"});
+  expect("clock source", CheckVerdict::kBad, {"hpet", "echo tsc | sudo tee"});
   write(kClock + std::string("available_clocksource"), "hpet acpi_pm \n");
-  expect("clock source", Verdict::kBad, {"dmesg"});
+  expect("clock source", CheckVerdict::kBad, {"dmesg"});
   EXPECT_THAT(check("clock source").commands, IsEmpty());
   write(kClock + std::string("current_clocksource"), "kvm-clock\n");
-  expect("clock source", Verdict::kGood, {"kvm-clock"});
+  expect("clock source", CheckVerdict::kGood, {"kvm-clock"});
 }
 
 TEST_F(MadeUpMachine, HugePages) {
   write(kHugePages, "always madvise [never]\n");
-  expect("huge pages", Verdict::kCouldBeBetter, {"echo madvise | sudo tee"});
+  expect("huge pages", CheckVerdict::kCouldBeBetter, {"echo madvise | sudo tee"});
   write(kHugePages, "[always] madvise never\n");
-  expect("huge pages", Verdict::kCouldBeBetter, {"unasked"});
+  expect("huge pages", CheckVerdict::kCouldBeBetter, {"unasked"});
 }
 
 TEST_F(MadeUpMachine, Swap) {
   write("/proc/swaps", "Filename\tType\n/dev/sda2 partition 8388604 0 -2\n");
-  expect("swap", Verdict::kCouldBeBetter, {"lock_memory", "swapoff"});
+  expect("swap", CheckVerdict::kCouldBeBetter, {"lock_memory", "swapoff"});
   machine_.config.realtime.lock_memory = true;
-  expect("swap", Verdict::kGood, {"locks"});
+  expect("swap", CheckVerdict::kGood, {"locks"});
 }
 
 TEST_F(MadeUpMachine, SocketBuffer) {
   machine_.config.camera.socket_buffer_bytes = 12345678;
   write("/proc/sys/net/core/rmem_max", "12345678\n");
-  expect("socket buffer", Verdict::kGood, {});
+  expect("socket buffer", CheckVerdict::kGood, {});
   write("/proc/sys/net/core/rmem_max", "12345677\n");
-  expect("socket buffer", Verdict::kCouldBeBetter, {"12345677", "net.core.rmem_max=12345678"});
+  expect("socket buffer", CheckVerdict::kCouldBeBetter, {"12345677", "net.core.rmem_max=12345678"});
   write("/proc/sys/net/core/rmem_max", "212992\n");  // the default of Debian
-  expect("socket buffer", Verdict::kBad, {"212992", "net.core.rmem_max=12345678"});
+  expect("socket buffer", CheckVerdict::kBad, {"212992", "net.core.rmem_max=12345678"});
 }
 
 constexpr const char* kJumboAnywhere =
@@ -324,11 +326,11 @@ TEST_F(MadeUpMachine, JumboFramesOnTheInterfaceOfTheCamerasNetwork) {
          route("eno1", "192.168.1.0", "255.255.255.0") +
          route("enp3s0", "192.168.7.0", "255.255.255.0"));
   machine_.config.camera.source = "aravis:192.168.7.2";
-  expect("jumbo frames", Verdict::kCouldBeBetter, {"enp3s0 MTU 1500", "camera 192.168.7.2"});
+  expect("jumbo frames", CheckVerdict::kCouldBeBetter, {"enp3s0 MTU 1500", "camera 192.168.7.2"});
   EXPECT_THAT(check("jumbo frames").found, Not(HasSubstr("eno1")));
   EXPECT_THAT(check("jumbo frames").commands, ElementsAre("sudo ip link set enp3s0 mtu 9000"));
   interface("enp3s0", "9000", true);
-  expect("jumbo frames", Verdict::kGood, {"enp3s0 MTU 9000"});
+  expect("jumbo frames", CheckVerdict::kGood, {"enp3s0 MTU 9000"});
 
   // Now the camera is on the office's network.
   machine_.config.camera.source = "aravis:192.168.1.77";
@@ -347,13 +349,14 @@ TEST_F(MadeUpMachine, ACameraOnANetworkWithOthers) {
   const std::string elsewhere = "192.168.1.1  0x1  0x2  00:30:53:00:00:02  *  eno1\n";
   const std::string silent = "192.168.7.8  0x1  0x0  00:00:00:00:00:00  *  enp3s0\n";
   write("/proc/net/arp", columns + camera + elsewhere + silent);
-  expect("camera's network", Verdict::kGood, {"nobody but the camera is seen on enp3s0"});
+  expect("camera's network", CheckVerdict::kGood, {"nobody but the camera is seen on enp3s0"});
   const std::string stranger = "192.168.7.9  0x1  0x2  00:30:53:00:00:03  *  enp3s0\n";
   write("/proc/net/arp", columns + camera + stranger);
-  expect("camera's network", Verdict::kCouldBeBetter,
+  expect("camera's network", CheckVerdict::kCouldBeBetter,
          {"enp3s0", "shared with 192.168.7.9", "no password", "an interface of its own"});
   machine_.config.camera.source = "aravis:192.168.1.77";
-  expect("camera's network", Verdict::kCouldBeBetter, {"eno1", "shared with the default route"});
+  expect("camera's network", CheckVerdict::kCouldBeBetter,
+         {"eno1", "shared with the default route"});
 }
 
 TEST_F(MadeUpMachine, JumboFramesOnTheInterfaceThatLeadsToTheCamera) {
@@ -363,13 +366,13 @@ TEST_F(MadeUpMachine, JumboFramesOnTheInterfaceThatLeadsToTheCamera) {
   const std::string narrow = route("bond0", "10.20.0.0", "255.255.0.0", "10.1.1.1", 100);
   for (const std::string& lines : {wide + narrow, narrow + wide}) {
     routes(lines);
-    expect("jumbo frames", Verdict::kCouldBeBetter, {"bond0 MTU 1500"});
+    expect("jumbo frames", CheckVerdict::kCouldBeBetter, {"bond0 MTU 1500"});
     EXPECT_THAT(check("jumbo frames").commands, ElementsAre("sudo ip link set bond0 mtu 9000"));
   }
   const std::string cheaper = route("eno1", "10.20.0.0", "255.255.0.0", "0.0.0.0", 50);
   for (const std::string& lines : {cheaper + narrow, narrow + cheaper}) {
     routes(lines);
-    expect("jumbo frames", Verdict::kGood, {"eno1 MTU 9000"});
+    expect("jumbo frames", CheckVerdict::kGood, {"eno1 MTU 9000"});
   }
 }
 
@@ -381,7 +384,7 @@ TEST_F(MadeUpMachine, JumboFramesAreNotAskedOfTheDefaultRoute) {
                              route("eno1", "128.0.0.0", "128.0.0.0", "10.8.0.1");
   for (const std::string& lines : {everywhere, halves, std::string()}) {
     routes(lines);
-    expect("jumbo frames", Verdict::kCouldBeBetter,
+    expect("jumbo frames", CheckVerdict::kCouldBeBetter,
            {"no interface has the network of the camera 192.168.7.2"});
     EXPECT_THAT(check("jumbo frames").commands, ElementsAre(kJumboAnywhere));
   }
@@ -394,13 +397,13 @@ TEST_F(MadeUpMachine, JumboFramesOfACameraThatIsNotKnownByItsAddress) {
   interface("lo", "1500", false);
   for (const char* source : {"aravis:", "aravis:Basler-acA2040-120um-22801234"}) {
     machine_.config.camera.source = source;
-    expect("jumbo frames", Verdict::kCouldBeBetter,
+    expect("jumbo frames", CheckVerdict::kCouldBeBetter,
            {"eno1 MTU 1500; enp3s0 MTU 1500", "cannot be known from", source});
     EXPECT_THAT(check("jumbo frames").commands, ElementsAre(kJumboAnywhere));
   }
   write("/sys/class/net/enp3s0/operstate", "down\n");
   write("/sys/class/net/eno1/mtu", "9000\n");
-  expect("jumbo frames", Verdict::kGood, {"eno1"});
+  expect("jumbo frames", CheckVerdict::kGood, {"eno1"});
 }
 
 TEST_F(MadeUpMachine, NoJumboFramesForACameraThatIsNotOnANetwork) {
@@ -408,19 +411,19 @@ TEST_F(MadeUpMachine, NoJumboFramesForACameraThatIsNotOnANetwork) {
   write(kNic + std::string("statistics/rx_missed_errors"), "3\n");
   for (const char* source : {"usb:1ab2:0001", "sim:dipole", "file:night.fits"}) {
     machine_.config.camera.source = source;
-    expect("jumbo frames", Verdict::kGood, {source, "not on a network"});
-    expect("interface losses", Verdict::kGood, {source, "not on a network"});
+    expect("jumbo frames", CheckVerdict::kGood, {source, "not on a network"});
+    expect("interface losses", CheckVerdict::kGood, {source, "not on a network"});
   }
   machine_.config.camera.source = "aravis:127.0.0.1";
-  expect("jumbo frames", Verdict::kGood, {"lo MTU 65536"});
+  expect("jumbo frames", CheckVerdict::kGood, {"lo MTU 65536"});
 }
 
 TEST_F(MadeUpMachine, LostPackets) {
   write("/proc/net/snmp", snmp("7", "5"));
-  expect("UDP losses", Verdict::kCouldBeBetter,
+  expect("UDP losses", CheckVerdict::kCouldBeBetter,
          {"123456 datagrams", "7 lost", "5 of them", "socket_buffer_bytes"});
   write("/proc/net/snmp", snmp("7", "0"));
-  expect("UDP losses", Verdict::kCouldBeBetter, {"7 lost", "cable"});
+  expect("UDP losses", CheckVerdict::kCouldBeBetter, {"7 lost", "cable"});
 }
 
 TEST_F(MadeUpMachine, LossesOfTheCamerasInterface) {
@@ -428,23 +431,25 @@ TEST_F(MadeUpMachine, LossesOfTheCamerasInterface) {
   write("/sys/class/net/enp3s0/statistics/rx_missed_errors", "4\n");
   routes(route("eno1", "192.168.1.0", "255.255.255.0"));
   machine_.config.camera.source = "aravis:192.168.1.77";
-  expect("interface losses", Verdict::kGood, {"eno1: 1000000 packets", "0 missed"});
+  expect("interface losses", CheckVerdict::kGood, {"eno1: 1000000 packets", "0 missed"});
   write(kNic + std::string("statistics/rx_missed_errors"), "3\n");
-  expect("interface losses", Verdict::kCouldBeBetter, {"3 missed", "sudo ethtool -G eno1 rx 4096"});
+  expect("interface losses", CheckVerdict::kCouldBeBetter,
+         {"3 missed", "sudo ethtool -G eno1 rx 4096"});
   write(kNic + std::string("statistics/rx_missed_errors"), "0\n");
   write(kNic + std::string("statistics/rx_dropped"), "1001\n");
-  expect("interface losses", Verdict::kCouldBeBetter, {"1001 dropped"});
+  expect("interface losses", CheckVerdict::kCouldBeBetter, {"1001 dropped"});
   machine_.config.camera.source = "aravis:";
-  expect("interface losses", Verdict::kCouldBeBetter, {"4 missed", "sudo ethtool -G INTERFACE rx"});
+  expect("interface losses", CheckVerdict::kCouldBeBetter,
+         {"4 missed", "sudo ethtool -G INTERFACE rx"});
 }
 
 TEST_F(MadeUpMachine, UsbMemory) {
   write(kUsbMemory, "16\n");
-  expect("USB memory", Verdict::kCouldBeBetter, {"usbfs_memory_mb is 16", "echo 1000"});
+  expect("USB memory", CheckVerdict::kCouldBeBetter, {"usbfs_memory_mb is 16", "echo 1000"});
   write(kUsbMemory, "0\n");
-  expect("USB memory", Verdict::kGood, {"no limit"});
+  expect("USB memory", CheckVerdict::kGood, {"no limit"});
   remove("/sys/module/usbcore");
-  expect("USB memory", Verdict::kNotSeen, {"no USB"});
+  expect("USB memory", CheckVerdict::kNotSeen, {"no USB"});
 }
 
 TEST_F(MadeUpMachine, NonsenseInFilesIsNoMoreThanNotSeen) {

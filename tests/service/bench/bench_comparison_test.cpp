@@ -48,13 +48,13 @@ TEST(BenchComparison, TellsNoiseFromChange) {
   int changes = 0, slower = 0, faster = 0;
   for (std::uint64_t seed = 0; seed < 2 * kPairs; seed += 2) {
     const Json before = run_of(100.0, 1.0, seed);
-    const auto verdict_on = [&](double kernel_us) {
-      return kernel_of(compare_figures(before, run_of(kernel_us, 1.0, seed + 1))).verdict;
+    const auto change_at = [&](double kernel_us) {
+      return kernel_of(compare_figures(before, run_of(kernel_us, 1.0, seed + 1))).change;
     };
-    changes += verdict_on(100.0) == Verdict::kSame ? 0 : 1;
-    slower += verdict_on(106.0) == Verdict::kSlower ? 1 : 0;
-    faster += verdict_on(94.0) == Verdict::kFaster ? 1 : 0;
-    EXPECT_EQ(verdict_on(115.0), Verdict::kSlower);
+    changes += change_at(100.0) == FigureChange::kSame ? 0 : 1;
+    slower += change_at(106.0) == FigureChange::kSlower ? 1 : 0;
+    faster += change_at(94.0) == FigureChange::kFaster ? 1 : 0;
+    EXPECT_EQ(change_at(115.0), FigureChange::kSlower);
   }
   EXPECT_LE(changes, 1);
   EXPECT_GE(slower, 194);  // A simulation finds 99.6 % of such changes.
@@ -67,7 +67,7 @@ TEST(BenchComparison, AMachineThatIsSlowerAsAWholeChangesOnlyTheReadItself) {
   const ComparedFigure& kernel = kernel_of(compared);
   EXPECT_NE(kernel.name.find(" 8 9 u16"), std::string::npos) << kernel.name;
   EXPECT_TRUE(kernel.over_read);
-  EXPECT_EQ(kernel.verdict, Verdict::kSame);
+  EXPECT_EQ(kernel.change, FigureChange::kSame);
   EXPECT_NEAR(kernel.now_us / kernel.before_us, 1.5, 0.05);
   EXPECT_NEAR(kernel.ratio, 1.0, 0.04);
 }
@@ -76,7 +76,8 @@ TEST(BenchComparison, AFewRoundsTellNothing) {
   Json before = run_of(100.0, 1.0, 1);
   before["cases"][0]["warm"]["kernel"] = times_json(summarise({100.0, 101.0, 99.0}));
   before["cases"][0]["warm"]["read"] = times_json(summarise({10.0, 10.0, 10.0}));
-  EXPECT_EQ(kernel_of(compare_figures(before, run_of(200.0, 1.0, 2))).verdict, Verdict::kUnsure);
+  EXPECT_EQ(kernel_of(compare_figures(before, run_of(200.0, 1.0, 2))).change,
+            FigureChange::kUnsure);
 }
 
 TEST(BenchComparison, OtherSizesAreNotCompared) {
