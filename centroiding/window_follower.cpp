@@ -80,18 +80,15 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
     column_u_.push_back(model_coordinate(static_cast<float>(c), plan.spots.cols()));
   count_rows_needed(level_plan);
   if (plan.gain.empty()) return;
-  bad_pixels_ = Image<std::int32_t>(plan.frame_rows + 1, plan.frame_cols + 1);
+  bad_pixels_ = PixelCounter(plan.frame_rows, plan.frame_cols);
   for (int y = 0; y < plan.frame_rows; ++y)
     for (int x = 0; x < plan.frame_cols; ++x)
-      bad_pixels_(y + 1, x + 1) = bad_pixels_(y, x + 1) + bad_pixels_(y + 1, x) -
-                                  bad_pixels_(y, x) + (plan.gain(y, x) > 0.0F ? 0 : 1);
+      if (!(plan.gain(y, x) > 0.0F)) bad_pixels_.mark(y, x);
 }
 
 bool WindowFollower::has_bad_window(const CentroidPlan::Spot& spot) const noexcept {
   if (bad_pixels_.empty()) return false;
-  const int x1 = spot.x0 + spot.w, y1 = spot.y0 + spot.h;
-  const int bad = bad_pixels_(y1, x1) - bad_pixels_(spot.y0, x1) - bad_pixels_(y1, spot.x0) +
-                  bad_pixels_(spot.y0, spot.x0);
+  const int bad = bad_pixels_.count(spot.x0, spot.y0, spot.w, spot.h);
   return static_cast<float>(bad) > max_bad_fraction_ * static_cast<float>(spot.w * spot.h);
 }
 

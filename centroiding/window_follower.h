@@ -9,6 +9,7 @@
 #include "centroiding/foreign_light.h"
 #include "centroiding/frame_level.h"
 #include "centroiding/low_orders.h"
+#include "centroiding/pixel_counter.h"
 #include "centroiding/sensor.h"
 #include "centroiding/sharp_pixels.h"
 #include "centroiding/spot_acquisition.h"
@@ -150,7 +151,7 @@ class WindowFollower {
   Image<float> off_y_px_;
   Image<float> middle_x_px_;  ///< the reference less this; where a spot is measured in the middle
   Image<float> middle_y_px_;
-  Image<std::int32_t> bad_pixels_;  ///< [rows + 1, cols + 1] of the frame, summed; or empty
+  PixelCounter bad_pixels_;         ///< empty where there are no maps
   std::vector<float> column_u_;     ///< [cols] the model's coordinate of a column
 
   // The state.
