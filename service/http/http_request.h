@@ -1,6 +1,7 @@
 // HttpRequest: what a client asks, read from bytes that anybody may send.
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <string>
 #include <string_view>
@@ -16,6 +17,8 @@ struct HttpRequest {
   std::vector<std::pair<std::string, std::string>> headers;  ///< names in small letters
   std::string body;
   std::string peer;  ///< the client's numeric address and port, where the server knows it
+  /// how long before this request its connection had its last answer, or began
+  std::chrono::milliseconds since_answer{0};
 
   /// Returns the value of a header, by its name in small letters; empty where there is none.
   std::string header(std::string_view name) const;

@@ -152,6 +152,7 @@ class Client {
   bool parse(const HttpHandler& handler) {
     ParsedRequest parsed = parse_request(received_);
     if (parsed.state == HttpParse::kIncomplete) return true;
+    const auto quiet = Clock::now() - answered_;
     since_ = Clock::now();
     if (parsed.state == HttpParse::kBad) return answer(plain_answer(400, "this is no HTTP\n"));
     if (parsed.state == HttpParse::kTooLong)
@@ -159,6 +160,7 @@ class Client {
     received_.erase(0, parsed.used);
     request_ = std::move(parsed.request);
     request_->peer = peer_of(socket_);
+    request_->since_answer = std::chrono::duration_cast<milliseconds>(quiet);
     return try_to_answer(handler);
   }
   bool try_to_answer(const HttpHandler& handler) {
@@ -179,7 +181,7 @@ class Client {
     body_ = only_head ? nullptr : made.body;
     sent_ = 0;
     request_.reset();
-    since_ = Clock::now();
+    since_ = answered_ = Clock::now();
     return send_more();
   }
   bool send_more() {
@@ -201,6 +203,7 @@ class Client {
 
   int socket_;
   Clock::time_point since_ = Clock::now();
+  Clock::time_point answered_ = since_;  ///< when the last answer was made, or the client came
   std::string received_;
   std::optional<HttpRequest> request_;  ///< while its answer is not made
   std::string head_;                    ///< of the answer; empty while none goes out

@@ -11,7 +11,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr milliseconds kBetweenFrames{33};
 constexpr milliseconds kLongestWait{1000};
 constexpr std::size_t kPlans = 3;  // The one in use, the one before, and one that is taken up.
 

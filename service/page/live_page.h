@@ -32,8 +32,11 @@ class LivePage final : public PageSource {
   std::string status() override;
   PageMessage sensor(std::int64_t plan) override;
   PageMessage frame(std::int64_t number, std::chrono::milliseconds waited) override;
+  std::chrono::milliseconds between_frames() const override { return kBetweenFrames; }
 
  private:
+  static constexpr std::chrono::milliseconds kBetweenFrames{33};
+
   void look();
   std::shared_ptr<PagePlan> plan_of(const Plan* plan);
 

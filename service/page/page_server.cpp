@@ -159,6 +159,9 @@ std::optional<HttpAnswer> PageServer::show(const HttpRequest& request, milliseco
   if (request.path == "/sensor" || request.path == "/frame") {
     const auto number = number_of(request.asked("number"));
     if (!number) return plain_answer(400, request.path + " needs ?number=N\n");
+    // Who asks for the same frame over and over would take the processor from the frame path.
+    if (request.path == "/frame" && request.since_answer + waited < source_.between_frames())
+      return std::nullopt;
     PageMessage message =
         request.path == "/sensor" ? source_.sensor(*number) : source_.frame(*number, waited);
     if (message) return good("application/octet-stream", std::move(message));

@@ -23,6 +23,9 @@ class PageSource {
   /// Returns the frame of this number (replay), or the next one after this number (live); null if
   /// it is not there yet. waited: how long the page has been waiting.
   virtual PageMessage frame(std::int64_t number, std::chrono::milliseconds waited) = 0;
+
+  /// Returns how long a connection waits from one frame to the next, whatever it asks.
+  virtual std::chrono::milliseconds between_frames() const { return {}; }
 };
 
 }  // namespace curlew

@@ -30,12 +30,14 @@ class LocalConnection {
   void send(const std::string& bytes) const {
     static_cast<void>(::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL));
   }
-  /// Returns all that comes until the other side closes.
-  std::string receive() const {
+  /// Returns all that comes until it ends in `end`, or until the other side closes.
+  std::string receive(const std::string& end = "") const {
     std::string all;
     char block[4096];
-    for (ssize_t n = 0; (n = recv(socket_, block, sizeof(block), 0)) > 0;)
+    for (ssize_t n = 0; (n = recv(socket_, block, sizeof(block), 0)) > 0;) {
       all.append(block, static_cast<std::size_t>(n));
+      if (!end.empty() && all.ends_with(end)) break;
+    }
     return all;
   }
 

@@ -22,6 +22,9 @@ class OneFrame final : public PageSource {
   PageMessage frame(std::int64_t number, std::chrono::milliseconds) override {
     return number == 0 ? plain_message(R"({"kind":"frame"})") : nullptr;
   }
+  std::chrono::milliseconds between_frames() const override { return pause; }
+
+  std::chrono::milliseconds pause{0};
 };
 
 const char* const kToken = "0123456789abcdef0123456789abcdef";
@@ -138,6 +141,21 @@ TEST_F(PageServerTest, ChangesAreForThePageItselfWhereItHasTheRight) {
         "403")
         << stranger;
   EXPECT_EQ(changes.size(), 2U);
+}
+
+TEST_F(PageServerTest, WhoAsksForOneFrameOverAndOverGetsItAtThePaceOfFrames) {
+  OneFrame source;
+  source.pause = std::chrono::milliseconds(50);
+  const PageServer server(at("127.0.0.1:0"), source);
+  const int port = std::stoi(server.url().substr(server.url().rfind(':') + 1));
+  const auto begin = std::chrono::steady_clock::now();
+  const LocalConnection kept(port);
+  for (int i = 0; i < 6; ++i) {
+    kept.send("GET /frame?number=0 HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    ASSERT_EQ(status_of(kept.receive("}")), "200");
+  }
+  for (int i = 0; i < 6; ++i) ASSERT_EQ(status_of(ask(server, "GET /frame?number=0")), "200");
+  EXPECT_GE(std::chrono::steady_clock::now() - begin, 12 * source.pause);
 }
 
 TEST_F(PageServerTest, ThousandSilentAndEndlessClientsHoldNobodyUp) {
