@@ -84,6 +84,7 @@ SpotJudge::SpotJudge(const Sensor& sensor, const CentroidPlan& plan)
     widest_px2_[k] = kOfUniform * (static_cast<float>(w * w + h * h - 2) / 12.0F);
   }
   lit_ = lenslet_;
+  lenslets_ = static_cast<int>(all.size());
   // The sample begins a lenslet further on in each row, so that it is spread over all columns.
   const std::size_t stride = all.size() / kMaxSample + 1;
   for (std::size_t i = 0; i < all.size(); ++i)
@@ -94,17 +95,29 @@ SpotJudge::SpotJudge(const Sensor& sensor, const CentroidPlan& plan)
     column_u_.push_back(model_coordinate(static_cast<float>(c), plan.spots.cols()));
 }
 
-void SpotJudge::look_at(const WindowPlaces& places, const Centroids& centroids,
+void SpotJudge::look_at(const WindowPlaces& places, const Centroids& centroids, Witnesses witnesses,
                         SpotFit& found) noexcept {
-  fit(places, centroids, found);
-  const float typical = typical_brightness(centroids);
+  faint_count_ = witnesses == Witnesses::kFaintToo;
+  float typical = typical_brightness(centroids, LensletState::kValid);
+  if (faint_count_ && typical == 0.0F)
+    typical = typical_brightness(centroids, LensletState::kFaint);
+  fit(places, centroids, typical, found);
   find_spots(places, centroids, typical, found);
   reject_clumps(centroids, typical, found);
 }
 
+/// What noise leaves of a dark window is no faint spot where others are bright.
+bool SpotJudge::is_witness(const Centroids& centroids, std::size_t k,
+                           float typical) const noexcept {
+  const LensletState state = centroids.state[k];
+  return state == LensletState::kValid ||
+         (faint_count_ && state == LensletState::kFaint && centroids.flux_adu[k] > 0.0F &&
+          centroids.flux_adu[k] > kDimmest * typical * flux_adu_[k]);
+}
+
 /// Fits the low orders to a sample of the spots, first of those that may be their lenslets', then
 /// of those that lie near the others.
-void SpotJudge::fit(const WindowPlaces& places, const Centroids& centroids,
+void SpotJudge::fit(const WindowPlaces& places, const Centroids& centroids, float typical,
                     SpotFit& found) noexcept {
   constexpr float kSigmaOfMedian = 0.849F;  // of the square of two axes: 1/√(2 ln 2)
   const int rows = spot_.rows(), cols = spot_.cols();
@@ -121,7 +134,7 @@ void SpotJudge::fit(const WindowPlaces& places, const Centroids& centroids,
     bool same = pass > 0;  // the spots that are near are those of the pass before
     values_.clear();
     for (std::size_t i = 0; i < sample_.size(); ++i) {
-      bool near = centroids.state[sample_[i]] == LensletState::kValid;
+      bool near = is_witness(centroids, sample_[i], typical);
       if (near) {
         const auto [u, v, x, y] = place_of(sample_[i]);
         const auto [at_x, at_y] = found.model.at(u, v);
@@ -158,7 +171,8 @@ void SpotJudge::find_spots(const WindowPlaces& places, const Centroids& centroid
                           .near_px2 = surely_px * surely_px,
                           .typical = typical,
                           // Where spots scatter widely anyway, a weak one may be anywhere.
-                          .weak_may_be = kResiduals * found.residual_px > kNear * pitch_px_};
+                          .weak_may_be = kResiduals * found.residual_px > kNear * pitch_px_,
+                          .faint_count = faint_count_};
   SpotCounts counts;
   const int rows = spot_.rows();
   const std::size_t cols = as_size(spot_.cols());
@@ -180,17 +194,18 @@ void SpotJudge::find_spots(const WindowPlaces& places, const Centroids& centroid
   }
   found.spots = counts.spots;
   found.light = counts.light;
+  found.faint = counts.faint;
   found.largest_px = std::bit_cast<float>(counts.largest_bits);
   found.same_lit =
       static_cast<float>(counts.were_lit - counts.same) <= rim_slack(counts.were_lit) ||
       !has_stepped(counts.same);
 }
 
-/// Returns the median flux over its reference's.
-float SpotJudge::typical_brightness(const Centroids& centroids) noexcept {
+/// Returns the median flux over its reference's, of lenslets in this state; 0 where there are none.
+float SpotJudge::typical_brightness(const Centroids& centroids, LensletState of) noexcept {
   values_.clear();
   for (const std::size_t k : sample_)
-    if (centroids.state[k] == LensletState::kValid && flux_adu_[k] > 0.0F)
+    if (centroids.state[k] == of && centroids.flux_adu[k] > 0.0F && flux_adu_[k] > 0.0F)
       values_.push_back(centroids.flux_adu[k] / flux_adu_[k]);
   return values_.empty() ? 0.0F : median_of(std::span(values_));
 }
@@ -227,7 +242,10 @@ bool SpotJudge::has_stepped(int here) const noexcept {
       int n = 0;
       for (int r = std::max(0, -i); r < std::min(rows, rows - i); ++r)
         for (int c = std::max(0, -j); c < std::min(cols, cols - j); ++c)
-          n += lit_(r, c) != 0 && has_spot(as_size(r + i) * as_size(cols) + as_size(c + j)) ? 1 : 0;
+          n += lit_(r, c) != 0 && (has_spot(as_size(r + i) * as_size(cols) + as_size(c + j)) ||
+                                   spot_(r + i, c + j) == kFaintSpot)
+                   ? 1
+                   : 0;
       if (static_cast<float>(n) >= static_cast<float>(here) - 0.5F * rim_slack(here)) return true;
     }
   }
@@ -239,6 +257,12 @@ bool SpotJudge::is_believed(const SpotFit& found) const noexcept {
          static_cast<float>(found.spots) >= kLeastSpots * static_cast<float>(found.light);
 }
 
+bool SpotJudge::is_faint_beam(const SpotFit& found) const noexcept {
+  constexpr int kManyAreFaint = 4;  // one of so many with light
+  return is_believed(found) && found.same_lit && 2 * found.spots >= lenslets_ &&
+         kManyAreFaint * found.faint >= found.light;
+}
+
 /// Returns which part of the lenslet's neighbours has a well-formed spot.
 float SpotJudge::kept_neighbours(int row, int col) const noexcept {
   int all = 0;
@@ -247,7 +271,7 @@ float SpotJudge::kept_neighbours(int row, int col) const noexcept {
     for (int c = std::max(col - 1, 0); c <= std::min(col + 1, spot_.cols() - 1); ++c) {
       if (lenslet_(r, c) == 0 || (r == row && c == col)) continue;
       ++all;
-      kept += spot_(r, c) == kWellFormed ? 1 : 0;
+      kept += spot_(r, c) == kWellFormed || spot_(r, c) == kFaintSpot ? 1 : 0;
     }
   }
   return all > 0 ? static_cast<float>(kept) / static_cast<float>(all) : 0.0F;
@@ -282,9 +306,8 @@ void SpotJudge::judge(Centroids& centroids, std::vector<std::uint8_t>& row_chang
         continue;
       // Where a lenslet had its spot in one of the last frames, light fell before and may again.
       const float kept = seen_[k] > 0 ? 1.0F : kept_neighbours(r, c);
-      const float needed = spot_[k] == kWellFormed  ? kAlone
-                           : spot_[k] == kNearModel ? kAmongSpots
-                                                    : kForDark;
+      const bool well = spot_[k] == kWellFormed || spot_[k] == kFaintSpot;
+      const float needed = well ? kAlone : spot_[k] == kNearModel ? kAmongSpots : kForDark;
       if (kept >= needed && spot_[k] != kFarOff) continue;
       row_changed[as_size(r)] = 1;
       kept < needed ? lose(centroids, k) : darken(centroids, k);

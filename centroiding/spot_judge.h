@@ -21,6 +21,7 @@ struct SpotFit {
   float largest_px = 0;   ///< of the model, over the spots
   int spots = 0;          ///< lenslets with a well-formed spot near the model
   int light = 0;          ///< lenslets with any light worth speaking of
+  int faint = 0;          ///< lenslets with faint light, if not far dimmer than the spots
   bool same_lit = true;   ///< whether the lit lenslets are those of the frames before
 };
 
@@ -37,11 +38,24 @@ class SpotJudge {
  public:
   SpotJudge(const Sensor& sensor, const CentroidPlan& plan);
 
+  /// Which spots say where all of them are.
+  enum class Witnesses : std::uint8_t { kValid, kFaintToo };
+
   /// Fits the low orders to a sample of the spots and says what each window holds.
-  void look_at(const WindowPlaces& places, const Centroids& centroids, SpotFit& found) noexcept;
+  void look_at(const WindowPlaces& places, const Centroids& centroids, Witnesses witnesses,
+               SpotFit& found) noexcept;
 
   /// Returns whether the spots are enough, and near enough to the fit, to move windows with it.
   bool is_believed(const SpotFit& found) const noexcept;
+
+  /// Returns whether most of the light may be that of spots too faint to be valid.
+  bool may_be_faint(const SpotFit& found) const noexcept {
+    return !is_believed(found) || !found.same_lit || found.faint >= found.light;
+  }
+  /// Returns whether the beam is so faint that one by one many of its spots are not valid, and all
+  /// of them together still lie where the fit says: at least half of the lenslets have one. `found`
+  /// is what faint witnesses said.
+  bool is_faint_beam(const SpotFit& found) const noexcept;
 
   /// Returns whether lenslet k's window held a spot near the model when it was looked at.
   bool has_spot(std::size_t k) const noexcept {
@@ -73,8 +87,10 @@ class SpotJudge {
   const Image<std::uint8_t>& lit() const { return lit_; }
 
  private:
-  void fit(const WindowPlaces& places, const Centroids& centroids, SpotFit& found) noexcept;
-  float typical_brightness(const Centroids& centroids) noexcept;
+  bool is_witness(const Centroids& centroids, std::size_t k, float typical) const noexcept;
+  void fit(const WindowPlaces& places, const Centroids& centroids, float typical,
+           SpotFit& found) noexcept;
+  float typical_brightness(const Centroids& centroids, LensletState of) noexcept;
   void find_spots(const WindowPlaces& places, const Centroids& centroids, float typical,
                   SpotFit& found) noexcept;
   void reject_clumps(const Centroids& centroids, float typical, SpotFit& found) noexcept;
@@ -90,6 +106,7 @@ class SpotJudge {
   Image<float> flux_adu_;            ///< of the references
   Image<float> widest_px2_;          ///< A spot whose second moments are more is not well formed.
   float narrowest_px2_;              ///< A spot's second moments, x and y together, are not less.
+  int lenslets_ = 0;                 ///< how many there are
   std::vector<std::size_t> sample_;  ///< the lenslets that are fitted
   std::vector<float> column_u_;      ///< [cols] the model's coordinate of a column
 
@@ -99,6 +116,7 @@ class SpotJudge {
   bool started_ = false;
 
   // Buffers of one frame.
+  bool faint_count_ = false;        ///< whether faint spots are witnesses
   Image<std::uint8_t> spot_;        ///< what each window holds
   std::vector<float> values_;       ///< of the sample
   std::vector<std::uint8_t> near_;  ///< [sample] whether a spot takes part in the fit

@@ -18,11 +18,7 @@ namespace curlew::HWY_NAMESPACE {
 namespace {
 
 // What is known of a spot before its state is looked at.
-constexpr int kIsFar = 1, kIsNear = 2, kIsShaped = 4, kHasLight = 8;
-// A spot's flux over its reference's, where the median lenslet's is 1: between stray light and
-// glare.
-constexpr float kDimmest = 0.15F;
-constexpr float kBrightest = 10.0F;
+constexpr int kIsFar = 1, kIsNear = 2, kIsShaped = 4, kHasLight = 8, kIsNotDim = 16;
 
 constexpr auto kValidByte = static_cast<std::uint8_t>(LensletState::kValid);
 constexpr auto kFaintByte = static_cast<std::uint8_t>(LensletState::kFaint);
@@ -57,17 +53,21 @@ void mark_shapes(const SpotRow& row, float typical, std::uint8_t* HWY_RESTRICT m
   const std::size_t n = row.n;
   for (std::size_t c = 0; c < n; ++c) {
     const float expected = typical * reference[c];
+    const int not_dim = flux[c] > kDimmest * expected ? kIsNotDim | kIsShaped : 0;
     const int shaped = (xx[c] + yy[c] < widest[c] ? kIsShaped : 0) &
-                       (flux[c] > kDimmest * expected ? kIsShaped : 0) &
-                       (flux[c] < kBrightest * expected ? kIsShaped : 0);
-    marks[c] = static_cast<std::uint8_t>(marks[c] | shaped | (flux[c] > 0.0F ? kHasLight : 0));
+                       (flux[c] < kBrightest * expected ? kIsShaped : 0) & not_dim;
+    marks[c] = static_cast<std::uint8_t>(marks[c] | shaped | (not_dim & kIsNotDim) |
+                                         (flux[c] > 0.0F ? kHasLight : 0));
   }
 }
 
 /// Turns what is known into what the window holds.
-void settle_marks(const SpotRow& row, bool weak_may_be, std::uint8_t* HWY_RESTRICT marks) {
+/// Returns how many lenslets have faint light that is not dim.
+int settle_marks(const SpotRow& row, const SpotLimits& limits, std::uint8_t* HWY_RESTRICT marks) {
   const std::uint8_t* state = row.states;
-  const int anywhere = weak_may_be ? 1 : 0;
+  const int anywhere = limits.weak_may_be ? 1 : 0;
+  const int counts = limits.faint_count ? 1 : 0;
+  int n_faint = 0;
   const std::size_t n = row.n;
   for (std::size_t c = 0; c < n; ++c) {
     const int mark = marks[c];
@@ -77,12 +77,18 @@ void settle_marks(const SpotRow& row, bool weak_may_be, std::uint8_t* HWY_RESTRI
     const int far = ((mark & kIsFar) != 0 ? 1 : 0) & (1 ^ (weak & anywhere)) & (valid | weak);
     const int near = valid & (1 ^ far);
     const int well = near & ((mark & kIsNear) != 0 ? 1 : 0) & ((mark & kIsShaped) != 0 ? 1 : 0);
-    marks[c] = static_cast<std::uint8_t>(kFarOff * far + kNearModel * near + well);
+    const int seen = faint & ((mark & kIsNotDim) != 0 ? 1 : 0);
+    const int faint_spot = seen & counts & (1 ^ far);
+    n_faint += seen;
+    marks[c] = static_cast<std::uint8_t>(kFarOff * far + kNearModel * near + well +
+                                         kFaintSpot * faint_spot);
   }
+  return n_faint;
 }
 
 int is_spot(std::uint8_t mark) {
-  return (mark == kNearModel ? 1 : 0) | (mark == kWellFormed ? 1 : 0);
+  return (mark == kNearModel ? 1 : 0) | (mark == kWellFormed ? 1 : 0) |
+         (mark == kFaintSpot ? 1 : 0);
 }
 
 /// Returns the bits of the largest displacement, which are in the order of the floats.
@@ -106,16 +112,17 @@ void mark(const SpotRow& row, const LowOrders::Row& model, const SpotLimits& lim
           std::uint8_t* marks, SpotCounts& counts) {
   mark_places(row, model, limits, marks);
   mark_shapes(row, limits.typical, marks);
-  settle_marks(row, limits.weak_may_be, marks);
+  counts.faint += settle_marks(row, limits, marks);
   counts.largest_bits = std::max(counts.largest_bits, largest_of(row, model, marks));
   int spots = 0, light = 0, same = 0, were_lit = 0;
   for (std::size_t c = 0; c < row.n; ++c) {
     const std::uint8_t state = row.states[c];
-    spots += marks[c] == kWellFormed ? 1 : 0;
+    const int faint_spot = marks[c] == kFaintSpot ? 1 : 0;
+    spots += (marks[c] == kWellFormed ? 1 : 0) | faint_spot;
     same += is_spot(marks[c]) & row.lit[c];
     were_lit += row.lit[c];
     light += (state == kValidByte ? 1 : 0) | (state == kAtEdgeByte ? 1 : 0) |
-             (state == kSaturatedByte ? 1 : 0);
+             (state == kSaturatedByte ? 1 : 0) | faint_spot;
   }
   counts.spots += spots;
   counts.light += light;

@@ -12,6 +12,7 @@ namespace curlew {
 inline constexpr std::uint8_t kNearModel = 1;   ///< a spot near the model, but dim, glaring or wide
 inline constexpr std::uint8_t kWellFormed = 2;  ///< a spot near the model
 inline constexpr std::uint8_t kFarOff = 3;      ///< light too far from the model to be its spot
+inline constexpr std::uint8_t kFaintSpot = 4;   ///< a faint spot, where these count
 
 /// One axis of a row's spots, in px.
 struct RowAxis {
@@ -38,14 +39,21 @@ struct SpotRow {
 struct SpotLimits {
   float far_px2;     ///< A spot whose distance² from the model is more is far off.
   float near_px2;    ///< One that is well formed has less.
-  float typical;     ///< flux over its reference's
+  float typical;     ///< flux over its reference's, of spots
   bool weak_may_be;  ///< whether weak spots may be anywhere
+  bool faint_count;  ///< whether faint spots count as others do
 };
+
+/// A spot's flux over its reference's, where the typical lenslet's is 1: between stray light and
+/// glare.
+inline constexpr float kDimmest = 0.15F;
+inline constexpr float kBrightest = 10.0F;
 
 /// These are added up over all rows.
 struct SpotCounts {
-  int spots = 0;                  ///< that are well formed
+  int spots = 0;                  ///< that are well formed, and faint ones where these count
   int light = 0;                  ///< lenslets with light
+  int faint = 0;                  ///< lenslets with faint light that is not far dimmer than others'
   int same = 0;                   ///< lit ones with a spot near the model
   int were_lit = 0;               ///< lit ones
   std::int32_t largest_bits = 0;  ///< the float whose bits these are is the model's largest, px

@@ -241,7 +241,8 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
                                           FrameLevels& levels, SharpPixels& sharp,
                                           Centroids& centroids, SpotFit& found) noexcept {
   const Centroids* looked = &centroids;
-  const auto look = [&] { judge_.look_at({model_x_px_, model_y_px_}, *looked, found); };
+  auto witnesses = SpotJudge::Witnesses::kValid;
+  const auto look = [&] { judge_.look_at({model_x_px_, model_y_px_}, *looked, witnesses, found); };
   const auto measure_at = [&](const LowOrders& model) {
     place_windows(plan, level_plan, model);
     measure_levels(level_plan, blocks_, frame, levels, team_);
@@ -263,13 +264,23 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
 
   looked = &measure_spots(plan, level_plan, sharp_plan, frame, levels, sharp, centroids);
   look();
+  if (judge_.may_be_faint(found)) {
+    witnesses = SpotJudge::Witnesses::kFaintToo;
+    look();
+    if (!judge_.is_faint_beam(found)) {
+      witnesses = SpotJudge::Witnesses::kValid;
+      look();
+    }
+  }
   FollowState state = FollowState::kSettled;
   if (judge_.is_believed(found) && found.same_lit && found.largest_px > followed_px_ &&
       found.largest_px <= kStep * pitch_px_) {
     state = FollowState::kMoved;
     measure_at(moved(found.model));
   }
-  if (!is_settled(found)) {
+  const bool is_faint = witnesses == SpotJudge::Witnesses::kFaintToo && judge_.is_faint_beam(found);
+  if (!is_settled(found) && !is_faint) {
+    witnesses = SpotJudge::Witnesses::kValid;
     const LowOrders before = model_;
     LowOrders model;
     state = FollowState::kAcquired;

@@ -47,7 +47,8 @@ struct FollowerMemory {
 /// lie within .15 pitch of them, or within .05 where spots are so wide that they light the corners
 /// in which the level is measured. When these leave that, the windows are moved to them by whole
 /// pixels and the same frame is measured again. Where the fit does not describe the spots, or the
-/// pattern of lit lenslets has stepped by a pitch, SpotAcquisition finds them anew.
+/// pattern of lit lenslets has stepped by a pitch, SpotAcquisition finds them anew. Where many
+/// spots are too faint to be valid, all of them are fitted together.
 ///
 /// Every kSettlingFrames the windows are put where the frame's spots have them and not the way that
 /// led there: where the calibration had them if the low orders are within .1 pitch of that, and
@@ -151,8 +152,8 @@ class WindowFollower {
   Image<float> off_y_px_;
   Image<float> middle_x_px_;  ///< the reference less this; where a spot is measured in the middle
   Image<float> middle_y_px_;
-  PixelCounter bad_pixels_;         ///< empty where there are no maps
-  std::vector<float> column_u_;     ///< [cols] the model's coordinate of a column
+  PixelCounter bad_pixels_;      ///< empty where there are no maps
+  std::vector<float> column_u_;  ///< [cols] the model's coordinate of a column
 
   // The state.
   LowOrders model_;                    ///< where the windows are

@@ -3,8 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <numbers>
 #include <string>
@@ -103,6 +105,38 @@ bool same(const FollowerMemory& a, const FollowerMemory& b) {
 
 // Two followers, of which one comes later, know the same after a few settlings; and one that
 // recalls what another knew goes on as that does.
+// Most spots have less than five times their noise, so that one by one they are missing.
+TEST(WindowFollower, FollowsABeamThatIsTooFaintForSingleSpots) {
+  const FollowedScene scene;
+  const Brightness faint = [](int, int) { return 0.06; };
+  Following following(scene);
+  for (int frame = 0; frame < 60; ++frame) {
+    const double shift = 0.01 * frame;
+    const FollowState state = following.see(tilt(shift, -shift), faint);
+    const Centroids& centroids = following.centroids;
+    ASSERT_TRUE(state == FollowState::kSettled || state == FollowState::kMoved) << frame;
+    EXPECT_LE(centroids.n_lost, 4) << frame;
+    const auto n_faint =
+        std::count(centroids.state.begin(), centroids.state.end(), LensletState::kFaint);
+    EXPECT_GT(n_faint, 128) << frame;
+    double mean_x = 0.0;
+    for (const float x : centroids.low_x_px) mean_x += static_cast<double>(x);
+    EXPECT_NEAR(mean_x / (kCount * kCount), shift * kPitch, 0.18 * kPitch) << frame;
+  }
+}
+
+// What noise leaves above the threshold lies anywhere.
+TEST(WindowFollower, NoiseIsNoFaintBeam) {
+  const FollowedScene scene;
+  const Brightness dark = [](int, int) { return 0.0; };
+  for (std::uint64_t first = 0; first < 40; ++first) {
+    Following following(scene);
+    following.frames = 100 * first;
+    const FollowState state = following.see(tilt(0.0, 0.0), dark);
+    ASSERT_TRUE(state == FollowState::kNoLight || state == FollowState::kLost) << first;
+  }
+}
+
 TEST(WindowFollower, ForgetsHowTheWindowsCameWhereTheyAre) {
   const FollowedScene scene;
   Following early(scene);
