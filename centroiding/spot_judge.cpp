@@ -123,6 +123,7 @@ void SpotJudge::fit(const WindowPlaces& places, const Centroids& centroids, floa
   const int rows = spot_.rows(), cols = spot_.cols();
   float near2 = (kNear * pitch_px_) * (kNear * pitch_px_);
   found.model = {};
+  found.residual_px = 0.0F;
   const auto place_of = [&](std::size_t k) {
     const int r = static_cast<int>(k / as_size(cols));
     return std::array<float, 4>{column_u_[k % as_size(cols)],

@@ -18,6 +18,8 @@ constexpr float kCutOff = 0.2F;     // A window that the frame holds back by mor
 constexpr float kHome = 0.1F;       // Windows settle at home if the low orders are within this,
 constexpr float kRounded = 0.025F;  // and else at low orders that are multiples of this.
 constexpr float kStep = 0.3F;       // The windows are moved this far without a new search.
+// Standard deviations of the noise, above which a dark window has hardly any pixel.
+constexpr float kSurelyLight = 3.5F;
 
 /// Returns how far a window of length `n` from `start` must be moved to lie in [0, length).
 int back_into(int start, int n, int length) noexcept {
@@ -90,6 +92,12 @@ bool WindowFollower::has_bad_window(const CentroidPlan::Spot& spot) const noexce
   if (bad_pixels_.empty()) return false;
   const int bad = bad_pixels_.count(spot.x0, spot.y0, spot.w, spot.h);
   return static_cast<float>(bad) > max_bad_fraction_ * static_cast<float>(spot.w * spot.h);
+}
+
+bool WindowFollower::leaves_dark_windows_empty(const CentroidPlan& plan,
+                                               const FrameLevels& levels) const noexcept {
+  return plan.method == CentroidMethod::kThresholded &&
+         levels.threshold >= kSurelyLight * levels.noise;
 }
 
 /// Moves lenslet k's window of `windows` by whole pixels from where the calibration put it. What
@@ -264,22 +272,24 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
 
   looked = &measure_spots(plan, level_plan, sharp_plan, frame, levels, sharp, centroids);
   look();
-  if (judge_.may_be_faint(found)) {
+  const auto is_near = [&] { return found.largest_px <= kStep * pitch_px_; };
+  const auto is_faint = [&] {
+    return witnesses == SpotJudge::Witnesses::kFaintToo && judge_.is_faint_beam(found) && is_near();
+  };
+  if (judge_.may_be_faint(found) && leaves_dark_windows_empty(plan, levels)) {
     witnesses = SpotJudge::Witnesses::kFaintToo;
     look();
-    if (!judge_.is_faint_beam(found)) {
+    if (!is_faint()) {
       witnesses = SpotJudge::Witnesses::kValid;
       look();
     }
   }
   FollowState state = FollowState::kSettled;
-  if (judge_.is_believed(found) && found.same_lit && found.largest_px > followed_px_ &&
-      found.largest_px <= kStep * pitch_px_) {
+  if (judge_.is_believed(found) && found.same_lit && found.largest_px > followed_px_ && is_near()) {
     state = FollowState::kMoved;
     measure_at(moved(found.model));
   }
-  const bool is_faint = witnesses == SpotJudge::Witnesses::kFaintToo && judge_.is_faint_beam(found);
-  if (!is_settled(found) && !is_faint) {
+  if (!is_settled(found) && !is_faint()) {
     witnesses = SpotJudge::Witnesses::kValid;
     const LowOrders before = model_;
     LowOrders model;
@@ -287,7 +297,7 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
     const AcquisitionResult result = acquire(plan, level_plan, frame, levels, sharp, model);
     if (result == AcquisitionResult::kFound) {
       measure_at(model);
-      if (found.largest_px <= kStep * pitch_px_) measure_at(moved(found.model));
+      if (is_near()) measure_at(moved(found.model));
     }
     if (result != AcquisitionResult::kFound || !judge_.is_believed(found)) {
       measure_at(before);
@@ -298,7 +308,7 @@ FollowState WindowFollower::measure_frame(const CentroidPlan& plan, const LevelP
   }
   centre_spots(plan, sharp_plan, frame, levels, sharp, *looked, centroids);
   judge_.judge(centroids, row_changed_);
-  judge_.remember(centroids);
+  if (!is_faint()) judge_.remember(centroids);
   foreign_light_.mark(levels, centroids, row_changed_);
   find_core_positions(plan, frame, centroids,
                       {.levels = &levels, .sharp = &sharp, .windows = &windows_, .team = team_});

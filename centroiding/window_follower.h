@@ -48,7 +48,8 @@ struct FollowerMemory {
 /// in which the level is measured. When these leave that, the windows are moved to them by whole
 /// pixels and the same frame is measured again. Where the fit does not describe the spots, or the
 /// pattern of lit lenslets has stepped by a pitch, SpotAcquisition finds them anew. Where many
-/// spots are too faint to be valid, all of them are fitted together.
+/// spots are too faint to be valid, all of them are fitted together; such a frame tells nothing of
+/// which lenslets are lit.
 ///
 /// Every kSettlingFrames the windows are put where the frame's spots have them and not the way that
 /// led there: where the calibration had them if the low orders are within .1 pitch of that, and
@@ -120,6 +121,8 @@ class WindowFollower {
                     const FrameLevels& levels, SharpPixels& sharp, const Centroids& looked,
                     Centroids& centroids) noexcept;
   bool has_bad_window(const CentroidPlan::Spot& spot) const noexcept;
+  bool leaves_dark_windows_empty(const CentroidPlan& plan,
+                                 const FrameLevels& levels) const noexcept;
   void measure_lower_level(const LevelPlan& level_plan, FrameView frame,
                            FrameLevels& levels) noexcept;
   void count_rows_needed(const LevelPlan& level_plan) noexcept;

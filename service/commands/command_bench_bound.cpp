@@ -23,7 +23,6 @@ struct BoundOptionsOfBench {
   BenchRun run;
 };
 
-/// Returns null for a number that is not finite, because JSON has no NaN.
 template <typename Value>
 Interval interval(const PositionCellResult& cell, Value value) {
   std::vector<double> values;

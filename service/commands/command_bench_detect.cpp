@@ -70,7 +70,6 @@ std::string photons_text(double photons) {
   return std::isfinite(photons) ? fmt::format("{} photons", photons) : "no noise";
 }
 
-/// Returns null for a number that is not finite, because JSON has no NaN.
 nlohmann::ordered_json row_json(const DetectionRowResult& row) {
   nlohmann::ordered_json json;
   json["name"] = row.name;

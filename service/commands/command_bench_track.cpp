@@ -58,7 +58,6 @@ bool is_better(const Figure& change, bool less_is_better) {
   return less_is_better ? change.interval.high < 0.0 : change.interval.low > 0.0;
 }
 
-/// Returns null for a number that is not finite, because JSON has no NaN.
 nlohmann::ordered_json json_of(const Figure& f) {
   return {{"value", json_number(f.value)},
           {"low", json_number(f.interval.low)},

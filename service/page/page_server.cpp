@@ -154,14 +154,15 @@ std::optional<HttpAnswer> PageServer::answer(const HttpRequest& request,
 }
 
 std::optional<HttpAnswer> PageServer::show(const HttpRequest& request, milliseconds waited) const {
+  // Who asks for the same over and over would take the processor from the frame path.
+  const bool of_source =
+      request.path == "/status" || request.path == "/sensor" || request.path == "/frame";
+  if (of_source && request.since_answer + waited < source_.between_frames()) return std::nullopt;
   if (request.path == "/status")
     return good("application/json", std::make_shared<const std::string>(source_.status()));
   if (request.path == "/sensor" || request.path == "/frame") {
     const auto number = number_of(request.asked("number"));
     if (!number) return plain_answer(400, request.path + " needs ?number=N\n");
-    // Who asks for the same frame over and over would take the processor from the frame path.
-    if (request.path == "/frame" && request.since_answer + waited < source_.between_frames())
-      return std::nullopt;
     PageMessage message =
         request.path == "/sensor" ? source_.sensor(*number) : source_.frame(*number, waited);
     if (message) return good("application/octet-stream", std::move(message));

@@ -24,7 +24,7 @@ class PageSource {
   /// it is not there yet. waited: how long the page has been waiting.
   virtual PageMessage frame(std::int64_t number, std::chrono::milliseconds waited) = 0;
 
-  /// Returns how long a connection waits from one frame to the next, whatever it asks.
+  /// Returns how long a connection waits from one answer of this source to the next.
   virtual std::chrono::milliseconds between_frames() const { return {}; }
 };
 

@@ -103,8 +103,6 @@ bool same(const FollowerMemory& a, const FollowerMemory& b) {
          std::equal(a.seen.begin(), a.seen.end(), b.seen.begin());
 }
 
-// Two followers, of which one comes later, know the same after a few settlings; and one that
-// recalls what another knew goes on as that does.
 // Most spots have less than five times their noise, so that one by one they are missing.
 TEST(WindowFollower, FollowsABeamThatIsTooFaintForSingleSpots) {
   const FollowedScene scene;
@@ -125,18 +123,47 @@ TEST(WindowFollower, FollowsABeamThatIsTooFaintForSingleSpots) {
   }
 }
 
-// What noise leaves above the threshold lies anywhere.
-TEST(WindowFollower, NoiseIsNoFaintBeam) {
+// Which lenslets were lit is known from bright frames, however many faint ones came between.
+TEST(WindowFollower, AFaintBeamIsFoundAgainWhereItReturns) {
   const FollowedScene scene;
-  const Brightness dark = [](int, int) { return 0.0; };
-  for (std::uint64_t first = 0; first < 40; ++first) {
-    Following following(scene);
-    following.frames = 100 * first;
-    const FollowState state = following.see(tilt(0.0, 0.0), dark);
-    ASSERT_TRUE(state == FollowState::kNoLight || state == FollowState::kLost) << first;
+  const auto faint = [](const Brightness& of) {
+    return [=](int row, int col) { return 0.06 * of(row, col); };
+  };
+  for (const double jump : {0.4, 0.8, 1.0, -1.0}) {
+    for (const Brightness& bright : {Brightness(all_lit), Brightness(round_beam)}) {
+      Following following(scene);
+      for (int i = 0; i < 10; ++i) following.see(tilt(0.0, 0.0), bright);
+      for (int i = 0; i < 12; ++i) following.see(tilt(0.0, 0.0), faint(bright));
+      following.see(tilt(jump, 0.0), bright);
+      const FollowState state = following.see(tilt(jump, 0.0), bright);
+      EXPECT_EQ(following.errors(tilt(jump, 0.0)).wrong, 0) << jump;
+      EXPECT_NE(state, FollowState::kLost) << jump;
+      EXPECT_NE(state, FollowState::kNoLight) << jump;
+    }
   }
 }
 
+// What noise leaves above the threshold lies anywhere.
+TEST(WindowFollower, NoiseIsNoFaintBeam) {
+  FollowedScene scene;
+  const Brightness dark = [](int, int) { return 0.0; };
+  CentroidOptions low;
+  low.threshold_noise = 2.0;
+  CentroidOptions weighted;
+  weighted.method = CentroidMethod::kWeighted;
+  for (const CentroidOptions& options : {CentroidOptions(), low, weighted}) {
+    scene.sensor.method = options.method;
+    for (std::uint64_t first = 0; first < 40; ++first) {
+      Following following(scene, options);
+      following.frames = 100 * first;
+      const FollowState state = following.see(tilt(0.0, 0.0), dark);
+      ASSERT_TRUE(state == FollowState::kNoLight || state == FollowState::kLost) << first;
+    }
+  }
+}
+
+// Two followers, of which one comes later, know the same after a few settlings; and one that
+// recalls what another knew goes on as that does.
 TEST(WindowFollower, ForgetsHowTheWindowsCameWhereTheyAre) {
   const FollowedScene scene;
   Following early(scene);
