@@ -26,6 +26,11 @@ int back_into(int start, int n, int length) noexcept {
   return std::clamp(start, 0, length - n) - start;
 }
 
+bool leaves_dark_windows_empty(const CentroidPlan& plan, const FrameLevels& levels) noexcept {
+  return plan.method == CentroidMethod::kThresholded &&
+         levels.threshold >= kSurelyLight * levels.noise;
+}
+
 }  // namespace
 
 WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
@@ -92,12 +97,6 @@ bool WindowFollower::has_bad_window(const CentroidPlan::Spot& spot) const noexce
   if (bad_pixels_.empty()) return false;
   const int bad = bad_pixels_.count(spot.x0, spot.y0, spot.w, spot.h);
   return static_cast<float>(bad) > max_bad_fraction_ * static_cast<float>(spot.w * spot.h);
-}
-
-bool WindowFollower::leaves_dark_windows_empty(const CentroidPlan& plan,
-                                               const FrameLevels& levels) const noexcept {
-  return plan.method == CentroidMethod::kThresholded &&
-         levels.threshold >= kSurelyLight * levels.noise;
 }
 
 /// Moves lenslet k's window of `windows` by whole pixels from where the calibration put it. What

@@ -121,8 +121,6 @@ class WindowFollower {
                     const FrameLevels& levels, SharpPixels& sharp, const Centroids& looked,
                     Centroids& centroids) noexcept;
   bool has_bad_window(const CentroidPlan::Spot& spot) const noexcept;
-  bool leaves_dark_windows_empty(const CentroidPlan& plan,
-                                 const FrameLevels& levels) const noexcept;
   void measure_lower_level(const LevelPlan& level_plan, FrameView frame,
                            FrameLevels& levels) noexcept;
   void count_rows_needed(const LevelPlan& level_plan) noexcept;
