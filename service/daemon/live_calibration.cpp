@@ -22,6 +22,8 @@
 namespace curlew {
 namespace {
 
+using Clock = std::chrono::steady_clock;
+
 const char* name_of(LiveCalibration::Kind kind) {
   return kind == LiveCalibration::Kind::kDark ? "dark" : "reference";
 }
@@ -125,7 +127,6 @@ void LiveCalibration::work(const Task& task) {
 
 /// Writes copies of frames into a recording. Returns a sentence on them.
 std::string LiveCalibration::take(const Task& task, const std::string& path) {
-  using Clock = std::chrono::steady_clock;
   constexpr auto kPatience = std::chrono::seconds(10);
   std::optional<RecordingWriter> recording;
   std::int64_t first = 0;
