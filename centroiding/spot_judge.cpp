@@ -42,6 +42,9 @@ bool has_light(LensletState state) noexcept {
          state == LensletState::kSaturated;
 }
 
+/// Spots that speak for those beside them.
+bool is_sure(std::uint8_t mark) noexcept { return mark == kWellFormed || mark == kFaintSpot; }
+
 /// Rims are uncertain by a few lenslets; a step of a pitch changes whole sides.
 float rim_slack(int lit) noexcept { return 0.3F * std::sqrt(static_cast<float>(lit)) + 1.0F; }
 
@@ -272,7 +275,7 @@ float SpotJudge::kept_neighbours(int row, int col) const noexcept {
     for (int c = std::max(col - 1, 0); c <= std::min(col + 1, spot_.cols() - 1); ++c) {
       if (lenslet_(r, c) == 0 || (r == row && c == col)) continue;
       ++all;
-      kept += spot_(r, c) == kWellFormed || spot_(r, c) == kFaintSpot ? 1 : 0;
+      kept += is_sure(spot_(r, c)) ? 1 : 0;
     }
   }
   return all > 0 ? static_cast<float>(kept) / static_cast<float>(all) : 0.0F;
@@ -307,8 +310,9 @@ void SpotJudge::judge(Centroids& centroids, std::vector<std::uint8_t>& row_chang
         continue;
       // Where a lenslet had its spot in one of the last frames, light fell before and may again.
       const float kept = seen_[k] > 0 ? 1.0F : kept_neighbours(r, c);
-      const bool well = spot_[k] == kWellFormed || spot_[k] == kFaintSpot;
-      const float needed = well ? kAlone : spot_[k] == kNearModel ? kAmongSpots : kForDark;
+      const float needed = is_sure(spot_[k])        ? kAlone
+                           : spot_[k] == kNearModel ? kAmongSpots
+                                                    : kForDark;
       if (kept >= needed && spot_[k] != kFarOff) continue;
       row_changed[as_size(r)] = 1;
       kept < needed ? lose(centroids, k) : darken(centroids, k);

@@ -19,6 +19,8 @@ namespace {
 
 // What is known of a spot before its state is looked at.
 constexpr int kIsFar = 1, kIsNear = 2, kIsShaped = 4, kHasLight = 8, kIsNotDim = 16;
+// A spot's flux over its reference's, where the typical lenslet's is 1: more is glare.
+constexpr float kBrightest = 10.0F;
 
 constexpr auto kValidByte = static_cast<std::uint8_t>(LensletState::kValid);
 constexpr auto kFaintByte = static_cast<std::uint8_t>(LensletState::kFaint);
@@ -61,8 +63,8 @@ void mark_shapes(const SpotRow& row, float typical, std::uint8_t* HWY_RESTRICT m
   }
 }
 
-/// Turns what is known into what the window holds.
-/// Returns how many lenslets have faint light that is not dim.
+/// Turns what is known into what the window holds. Returns how many lenslets have faint light that
+/// is not dim.
 int settle_marks(const SpotRow& row, const SpotLimits& limits, std::uint8_t* HWY_RESTRICT marks) {
   const std::uint8_t* state = row.states;
   const int anywhere = limits.weak_may_be ? 1 : 0;

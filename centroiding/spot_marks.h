@@ -44,10 +44,8 @@ struct SpotLimits {
   bool faint_count;  ///< whether faint spots count as others do
 };
 
-/// A spot's flux over its reference's, where the typical lenslet's is 1: between stray light and
-/// glare.
+/// A spot's flux over its reference's, where the typical lenslet's is 1: less is stray light.
 inline constexpr float kDimmest = 0.15F;
-inline constexpr float kBrightest = 10.0F;
 
 /// These are added up over all rows.
 struct SpotCounts {
