@@ -31,7 +31,9 @@ int write_stream(int fd, std::string_view& text, const std::function<bool()>& st
     // Once poll() says so, a pipe takes this many bytes, even where the descriptor is one that
     // blocks.
     pollfd room{fd, POLLOUT, 0};
-    if (poll(&room, 1, kLookUpMs) <= 0) {
+    const int ready = poll(&room, 1, kLookUpMs);
+    if (ready < 0 && errno == EINTR) continue;  // That says nothing of the reader.
+    if (ready <= 0) {
       if (stop()) return EAGAIN;
       continue;
     }
