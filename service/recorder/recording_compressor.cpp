@@ -27,7 +27,7 @@ void RecordingCompressor::add(const std::string& path) {
 }
 
 void RecordingCompressor::run(const std::stop_token& stop) {
-  become_polite("compressor", 19);
+  become_polite("compressor", 10);
   while (true) {
     std::string path;
     {

@@ -1,4 +1,4 @@
-// RecordingCompressor compresses complete recordings while nothing else needs the processor.
+// RecordingCompressor compresses complete recordings behind whatever else needs the processor.
 #pragma once
 
 #include <condition_variable>
@@ -14,8 +14,9 @@ namespace curlew {
 
 inline constexpr const char* kCompressedSuffix = ".fz";
 
-/// It has one thread of idle priority. From NAME.fits it makes NAME.fits.fz, compares the two pixel
-/// for pixel, and only then deletes NAME.fits. Where something goes wrong, that is logged and
+/// It has one thread, with a nice of 10: where other work uses all processors it goes on slowly, so
+/// that uncompressed files do not pile up. From NAME.fits it makes NAME.fits.fz, compares the two
+/// pixel for pixel, and only then deletes NAME.fits. Where something goes wrong, that is logged and
 /// NAME.fits stays.
 class RecordingCompressor {
  public:
