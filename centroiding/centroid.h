@@ -154,7 +154,7 @@ inline const WindowStrips* strips_of(const CentroidPlan& plan,
 /// - x_px and y_px are the centre of gravity, and xx, yy and xy the central second moments, both of
 ///   the signal above the threshold.
 /// - The variances follow from photon, read and quantisation noise by first-order propagation
-///   through the thresholded ratio, Σ Var(v)(x − x̄)²/F²; see variance_of_signal() in centroid.cpp.
+///   through the thresholded ratio, Σ Var(v)(x − x̄)²/F²; see SignalVariance.
 /// - `state` says which lenslets are unlit, faint, saturated, at their window's edge or have too
 ///   many bad pixels. Faint spots and those at the edge keep what was measured. All others that are
 ///   not valid hold zeros, except for their flux.

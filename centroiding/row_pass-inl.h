@@ -176,7 +176,8 @@ class ColumnSummer {
     const FloatTag d;
     const FloatVec y = hn::Set(d, positions.y[row]);
     const FloatVec yy = hn::Set(d, positions.yy[row]);
-    const FloatVec r = hn::Min(v, width_);
+    const FloatVec near = hn::Min(v, width_);
+    const FloatVec r = hn::Mul(near, near);
     v_ = hn::Add(v_, v);
     v_y_ = hn::MulAdd(v, y, v_y_);
     v_yy_ = hn::MulAdd(v, yy, v_yy_);
@@ -229,7 +230,7 @@ float sum_columns(const Maps& maps, const Pixel* pixels, int frame_cols, const W
         peak = hn::IfThenElse(pixel.good, hn::Max(peak, pixel.count), peak);
       at += frame_cols;
     }
-    summer.store(1.0F, model.slope, place, sums);
+    summer.store(1.0F, model.curve, place, sums);
     hn::StoreU(peak, d, sums.peak.data() + place);
     brightest = hn::Max(brightest, peak);
   }
@@ -304,7 +305,7 @@ float sum_columns(const PixelWords& maps, const Pixel* pixels, int frame_cols,
         summer.add(load_pixels(d, signals[row].data() + i), positions, row);
         next += frame_cols;
       }
-      summer.store(maps.unit, maps.unit * model.slope, place + i, sums);
+      summer.store(maps.unit, maps.unit * maps.unit * model.curve, place + i, sums);
       hn::StoreU(load_pixels(d, peaks + i), d, sums.peak.data() + place + i);
     }
   }

@@ -12,31 +12,35 @@ namespace curlew {
 /// This model estimates the variance of a thresholded signal v = max(I − T, 0) from v itself. Far
 /// above the threshold the variance is v·k + c with c = T·k + σ², where k is the counts per
 /// electron. Near the threshold, clipping takes most of it away (for Gaussian noise of variance s²
-/// centred on T, .3408 s² is left). The estimate
-///     q = k·v + slope·min(v, w),  slope = c/w
-/// has the right mean, for Poisson plus Gaussian noise, when averaged over pixels of any brightness
-/// with w = u·(1 + k·u/(3c)) and u = .85·√c + k, which is 1 electron (within 1 % for T from 1.5 to
-/// 20 σ and σ from .5 to 10 e⁻, by Monte Carlo). It uses a ramp rather than a step because whole
-/// counts of about an electron make steps coarse, and because a ramp scatters less.
+/// centred on T, .3408 s² is left). The estimate is
+///     q = k·v + c·min(v/w, 1)²,  w = .7·√c + 1.5·k
+/// A spot has far more pixels just below the threshold than just above it, and the square keeps
+/// what noise lifts over the threshold from counting too much. w is fitted to the second moments of
+/// sinc² and blurred spots of 2 to 3 px per λ/w with 75 to 20,000 electrons, Poisson and Gaussian
+/// noise and whole counts. With T of 3.5 σ and σ from .5 to 9 e⁻ the mean of q is within 5 % of the
+/// variance (7 % where the brightest pixel is less than 2 T); with 2.5 σ within 6 % (11 %), with 5
+/// σ within 5 %.
 ///
-/// The kernel sums v and the remainder r = slope·min(v, w), and puts q together afterwards. A flat
+/// The kernel sums v and the remainder r = curve·min(v, w)², and puts q together afterwards. A flat
 /// makes q larger by the gain; see CentroidPlan::mean_gain.
 struct SignalVariance {
   float per_count = 0;  ///< k
   float width = 0;      ///< w, counts; 0 where nothing is known of the noise, and then r is 0
-  float slope = 0;
+  float curve = 0;      ///< c/w²
 
-  float remainder(float v) const noexcept { return slope * (v < width ? v : width); }
+  float remainder(float v) const noexcept {
+    const float near = v < width ? v : width;
+    return curve * near * near;
+  }
 };
 
 inline SignalVariance variance_of_signal(const CentroidPlan& plan, float pixel_variance,
                                          float threshold) noexcept {
   const float k = plan.counts_per_e;
   const float c = threshold * k + pixel_variance;
-  const float u = 0.85F * std::sqrt(c) + k;
-  if (!(u > 0.0F && c > 0.0F)) return {.per_count = k};
-  const float width = u * (1.0F + k * u / (3.0F * c));
-  return {.per_count = k, .width = width, .slope = c / width};
+  if (!(c > 0.0F)) return {.per_count = k};
+  const float width = 0.7F * std::sqrt(c) + 1.5F * k;
+  return {.per_count = k, .width = width, .curve = c / (width * width)};
 }
 
 /// What the frame at hand says of its pixels, or else the calibration.

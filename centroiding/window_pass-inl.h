@@ -214,7 +214,7 @@ WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const Centr
     raised += higher;
   }
   const V width = hn::Set(d, model.width);
-  const V slope = hn::Set(d, model.slope);
+  const V curve = hn::Set(d, model.curve);
   const V one = hn::Set(d, 1.0F);
 
   VectorMoments<D> signal;
@@ -230,7 +230,8 @@ WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const Centr
     for (int row = 0; row < spot.h; ++row) {
       const auto pixel = reader.next_row();
       const V v = hn::Max(pixel.signal, hn::Zero(d));
-      const V r = hn::Min(v, width);
+      const V near = hn::Min(v, width);
+      const V r = hn::Mul(near, near);
       const V vy = hn::Mul(v, y);
       const V ry = hn::Mul(r, y);
       v0 = hn::Add(v0, v);
@@ -243,7 +244,7 @@ WindowSums sum_window(const CentroidPlan& plan, const Pixel* pixels, const Centr
       y = hn::Add(y, one);
     }
     signal.add(chunk, v0, v1, v2);
-    remainder.add(chunk, hn::Mul(r0, slope), hn::Mul(r1, slope), hn::Mul(r2, slope));
+    remainder.add(chunk, hn::Mul(r0, curve), hn::Mul(r1, curve), hn::Mul(r2, curve));
     peak = hn::Max(peak, hn::IfThenElseZero(chunk.inside, column_peak));
   }
   WindowSums sums;

@@ -53,15 +53,19 @@ inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& for
       std::max({options.threshold_adu / format.scale_adu, options.threshold_noise * read_noise,
                 options.threshold_relative * peak});
   const double c = threshold / e_per_count + read_noise * read_noise + 1.0 / 12.0;
-  const double narrow = 0.85 * std::sqrt(c) + 1.0 / e_per_count;
-  const double width = narrow * (1.0 + narrow / (3.0 * c * e_per_count));
-
+  const double width = 0.7 * std::sqrt(c) + 1.5 / e_per_count;
   const double mean_gain = gains / static_cast<double>(pixels.size());
 
-  double flux = 0, x = 0, y = 0;
+  const auto variance = [&](double v) {
+    const double near = std::min(v / width, 1.0);
+    return v / e_per_count + c * near * near;
+  };
+
+  double flux = 0, x = 0, y = 0, flux_variance = 0;
   for (const Pixel& p : pixels) {
     const double v = std::max(p.light - threshold, 0.0);
     flux += v;
+    flux_variance += variance(v);
     x += v * p.x;
     y += v * p.y;
   }
@@ -72,10 +76,13 @@ inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& for
   y /= flux;
   spot.x_px = x;
   spot.y_px = y;
+  const double photons_part = flux / e_per_count / flux_variance;
+  const double few = 10.5 / (flux * e_per_count);
+  const double widening =
+      1.0 + few * photons_part * photons_part + std::pow(std::min(few, 0.65), 3.0);
   for (const Pixel& p : pixels) {
     const double v = std::max(p.light - threshold, 0.0);
-    const double q = (v / e_per_count + c * std::min(v / width, 1.0)) * mean_gain / (flux * flux) *
-                     (1.0 + 4.0 / (flux * e_per_count));
+    const double q = variance(v) * mean_gain / (flux * flux) * widening;
     spot.xx_px2 += v * (p.x - x) * (p.x - x) / flux;
     spot.yy_px2 += v * (p.y - y) * (p.y - y) / flux;
     spot.xy_px2 += v * (p.x - x) * (p.y - y) / flux;

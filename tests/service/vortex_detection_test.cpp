@@ -107,12 +107,12 @@ TEST(VortexDetection, FollowingTheSpotsCostsNoVortices) {
 // A sky of 10 electrons a pixel made 46 false vortices a frame when the network took the level from
 // the sensor file.
 TEST(VortexDetection, TheClassifierFollowsTheLevel) {
-  SimulatorOptions sky = turbulence(1000.0, 6);
+  SimulatorOptions sky = turbulence(1000.0, kFramesToCompare);
   sky.background_e = 10.0;
-  const Counts known = count(DetectMethod::kClassifier);
+  const Counts known = count(DetectMethod::kClassifier, kFramesToCompare);
   const Counts counts = count(DetectMethod::kClassifier, sky);
-  EXPECT_LE(counts.false_alarms, 6);
-  EXPECT_GE(counts.hits, known.hits / 2) << "of " << counts.required;  // it is noisier, too
+  EXPECT_LE(counts.false_alarms, kFramesToCompare);
+  EXPECT_GE(counts.hits, known.hits / 2 - kMayDiffer) << "of " << counts.required;  // noisier, too
 }
 
 // A tilt moves the spots by 5 px, to the rim of their windows of ±6 px, and the network looks where
