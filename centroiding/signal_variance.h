@@ -17,9 +17,9 @@ namespace curlew {
 /// A spot has far more pixels just below the threshold than just above it, and the square keeps
 /// what noise lifts over the threshold from counting too much. w is fitted to the second moments of
 /// sinc² and blurred spots of 2 to 3 px per λ/w with 75 to 20,000 electrons, Poisson and Gaussian
-/// noise and whole counts. With T of 3.5 σ and σ from .5 to 9 e⁻ the mean of q is within 5 % of the
-/// variance (7 % where the brightest pixel is less than 2 T); with 2.5 σ within 6 % (11 %), with 5
-/// σ within 5 %.
+/// noise and whole counts. There, with T of 4 σ and read noises from .5 to 9 e⁻, the mean of q is
+/// within 5 % of the variance; with 3.5 σ within 6 %, with 2.5 σ within 11 % (σ includes whole
+/// counts).
 ///
 /// The kernel sums v and the remainder r = curve·min(v, w)², and puts q together afterwards. A flat
 /// makes q larger by the gain; see CentroidPlan::mean_gain.

@@ -11,11 +11,12 @@ namespace curlew {
 /// four lenslets of F electrons each, this scatter is a relative variance of about 1.5 p²/F, where
 /// p is the part of the signal's variance that is the photons'; what the threshold and the read
 /// noise add does not scatter. The ratio D/σ therefore has Student's longer tails, and those of
-/// spots of few electrons are longer still. With e = 10.5/F the variance is widened by e·p² + e³:
-/// then |D| beyond 3, 3.6 and 4.2 σ is as frequent as for a Gaussian within 30 % where spots have
-/// 100 to 5000 photons and pixels 1 to 9 e⁻ (Monte Carlo; at 50 photons beyond 4.2 σ twice).
+/// spots of few electrons are longer still. With e = 10.5/F the variance is widened by
+/// e·p² + min(e, .65)³. Then |D| beyond 3 and 3.6 σ is as frequent as for a Gaussian within 25 %,
+/// and beyond 4.2 σ within 30 %, where spots have 100 to 5000 photons and pixels a read noise of 1
+/// to 9 e⁻ (Monte Carlo; at 50 photons beyond 4.2 σ five times).
 inline constexpr float kWidening = 10.5F;
-inline constexpr float kFewest = 0.65F;  // of e in e³: dark spots must not lose all say
+inline constexpr float kFewest = 0.65F;  // More would take what weak spots in vortices have to say.
 
 }  // namespace curlew
 #endif  // CURLEW_SPOT_FINISH_ONCE

@@ -13,6 +13,7 @@ namespace curlew {
 namespace {
 
 constexpr int kLookUpMs = 100;
+constexpr int kMostInterruptions = 20;  // in a row, after which it is asked whether to stop
 
 }  // namespace
 
@@ -27,23 +28,29 @@ int open_stream(const std::string& path, const std::function<bool()>& stop) {
 }
 
 int write_stream(int fd, std::string_view& text, const std::function<bool()>& stop) {
+  int interruptions = 0;
   while (!text.empty()) {
     // Once poll() says so, a pipe takes this many bytes, even where the descriptor is one that
     // blocks.
     pollfd room{fd, POLLOUT, 0};
     const int ready = poll(&room, 1, kLookUpMs);
-    if (ready < 0 && errno == EINTR) continue;  // That says nothing of the reader.
+    // An interruption says nothing of the reader.
+    if (ready < 0 && errno == EINTR && ++interruptions < kMostInterruptions) continue;
     if (ready <= 0) {
       if (stop()) return EAGAIN;
       continue;
     }
     const ssize_t count = write(fd, text.data(), std::min<std::size_t>(text.size(), PIPE_BUF));
-    if (count > 0)
+    if (count > 0) {
       text.remove_prefix(static_cast<std::size_t>(count));
-    else if (count < 0 && errno != EINTR && errno != EAGAIN)
+      interruptions = 0;
+    } else if (count < 0 && errno == EINTR && ++interruptions < kMostInterruptions) {
+      continue;
+    } else if (count < 0 && errno != EINTR && errno != EAGAIN) {
       return errno;
-    else if (stop())
+    } else if (stop()) {
       return EAGAIN;
+    }
   }
   return 0;
 }

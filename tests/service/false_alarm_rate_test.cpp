@@ -82,10 +82,11 @@ TEST_P(FalseAlarmRate, IsTheStatedOne) {
     std::printf("window %d px, %.0f photons: asked %.2f a frame, had %.4f, ratio %.3f +- %.3f\n",
                 window_px, photons, kRates[i], static_cast<double>(alarms[i]) / frames, ratio,
                 1.0 / std::sqrt(asked));
-    // The promise is ±20 %, and the trial has the scatter of its own count: little of it where
-    // 25,000 frames are tried, and at most three σ.
-    const double sigmas = asked >= 250.0 ? 1.0 : 3.0;
-    EXPECT_NEAR(ratio, 1.0, 0.20 + sigmas / std::sqrt(asked));
+    // The promise is ±20 %, and ±30 % for the rarest, which 25,000 frames can tell. A shorter trial
+    // also has the scatter of its own count.
+    const double promise = kRates[i] < 0.1 ? 0.30 : 0.20;
+    const bool can_tell = asked >= 250.0;
+    EXPECT_NEAR(ratio, 1.0, promise + (can_tell ? 0.0 : 3.0 / std::sqrt(asked)));
   }
 }
 
@@ -128,12 +129,16 @@ TEST_P(FollowedFalseAlarms, AreAsManyAsStated) {
   const double ratio = static_cast<double>(alarms) / frames;
   std::printf("%.0f photons, %.0f e-: asked 1 a frame, had %.3f\n", options.photons,
               options.read_noise_e, ratio);
-  EXPECT_NEAR(ratio, 1.0, 0.20 + 1.0 / std::sqrt(frames));
+  EXPECT_NEAR(ratio, 1.0, 0.20 + (options.frames < 250 ? 3.0 : 1.0) / std::sqrt(frames));
 }
 
 INSTANTIATE_TEST_SUITE_P(Light, FollowedFalseAlarms,
                          ::testing::Values(Seen{150.0, 1.0}, Seen{200.0, 1.0}, Seen{300.0, 3.0},
-                                           Seen{1000.0, 1.0}, Seen{1000.0, 9.0}));
+                                           Seen{1000.0, 1.0}, Seen{1000.0, 9.0}),
+                         [](const auto& seen) {
+                           return std::to_string(static_cast<int>(seen.param.photons)) + "photons" +
+                                  std::to_string(static_cast<int>(seen.param.read_noise_e)) + "e";
+                         });
 
 INSTANTIATE_TEST_SUITE_P(Photons, FalseAlarmRate,
                          ::testing::Values(Optical{6, 200.0, 25000}, Optical{6, 1000.0, 8000},

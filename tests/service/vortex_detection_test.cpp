@@ -111,7 +111,7 @@ TEST(VortexDetection, TheClassifierFollowsTheLevel) {
   sky.background_e = 10.0;
   const Counts known = count(DetectMethod::kClassifier, kFramesToCompare);
   const Counts counts = count(DetectMethod::kClassifier, sky);
-  EXPECT_LE(counts.false_alarms, kFramesToCompare);
+  EXPECT_LE(counts.false_alarms, 3 * kFramesToCompare);
   EXPECT_GE(counts.hits, known.hits / 2 - kMayDiffer) << "of " << counts.required;  // noisier, too
 }
 

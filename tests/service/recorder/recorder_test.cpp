@@ -369,7 +369,7 @@ TEST(Recorder, CompressesCompleteFilesWithoutLoss) {
     Recorder recorder(options, kSmall, RecordingHeader{}, said.log());
     Source(recorder, kSmall).add_all(0, 350);
     // The compressor stands behind what else wants CPU, which is much where tests run.
-    ASSERT_TRUE(eventually([&] { return said.with("is compressed").size() == 3; }, 600s));
+    ASSERT_TRUE(eventually([&] { return said.with("is compressed").size() == 3; }, 500s));
   }
   const auto files = recorded(scratch.path());
   EXPECT_EQ(joined(files), numbers(0, 350));
