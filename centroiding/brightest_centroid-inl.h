@@ -55,8 +55,8 @@ inline void find_brightest(const CentroidPlan& plan, const Windows& windows,
   }
   const V x = ratio(sum_x, sum);
   const V y = ratio(sum_y, sum);
-  // The variance of a pixel is estimated as after any other threshold, but with a ramp near T:
-  // SignalVariance says why it is less there.
+  // The variance of a pixel is less near T, where the threshold clips it; see SignalVariance. Here
+  // a ramp says so, not its square.
   const V constant = hn::MulAdd(threshold, windows.per_count, windows.constant);
   const V ramp = ratio(set(1.0F), hn::MulAdd(set(0.85F), hn::Sqrt(constant), windows.per_count));
   V q = hn::Zero(d), q_xx = q, q_yy = q, q_xy = q;

@@ -16,7 +16,7 @@ namespace curlew {
 /// and beyond 4.2 σ within 30 %, where spots have 100 to 5000 photons and pixels a read noise of 1
 /// to 9 e⁻ (Monte Carlo; at 50 photons beyond 4.2 σ five times).
 inline constexpr float kWidening = 10.5F;
-inline constexpr float kFewest = 0.65F;  // More would take what weak spots in vortices have to say.
+inline constexpr float kMostCubed = 0.65F;  // More would silence the weak spots in vortices.
 
 }  // namespace curlew
 #endif  // CURLEW_SPOT_FINISH_ONCE
@@ -90,10 +90,10 @@ void finish_spots(D d, const CentroidPlan& plan, const SpotPlaces<D>& places, co
   const V inverse = hn::Div(one, hn::IfThenElse(lit, v.s, one));
   const V photons_part =
       hn::IfThenElseZero(hn::Gt(q.s, zero), hn::Div(hn::Mul(v.s, per_count), q.s));
-  const V few = hn::Mul(hn::Set(d, kWidening * plan.counts_per_e), inverse);
-  const V fewest = hn::Min(few, hn::Set(d, kFewest));
-  const V widening = hn::MulAdd(hn::Mul(few, photons_part), photons_part,
-                                hn::MulAdd(hn::Mul(fewest, fewest), fewest, one));
+  const V e = hn::Mul(hn::Set(d, kWidening * plan.counts_per_e), inverse);
+  const V cubed = hn::Min(e, hn::Set(d, kMostCubed));
+  const V widening = hn::MulAdd(hn::Mul(e, photons_part), photons_part,
+                                hn::MulAdd(hn::Mul(cubed, cubed), cubed, one));
   const V scale = hn::Mul(hn::Mul(widening, gain), hn::Mul(inverse, inverse));
   // Counts that are no light, as of a damaged map, must not spread.
   const auto total = [](const Moments<D>& of) {

@@ -158,7 +158,8 @@ TEST_F(EveryTarget, FramesNarrowerThanAVectorAreRead) {
   }
 }
 
-// Spots of so few electrons are valid only where they are asked for.
+// Below 16 electrons the cube in the widening of variances is limited. Spots of so few are valid
+// only where they are asked for.
 TEST_F(EveryTarget, EqualsPlainArithmeticForSpotsOfFewElectrons) {
   std::mt19937_64 random(12);
   int few = 0;
