@@ -18,4 +18,9 @@ class UsageError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// Throws UsageError with this sentence unless the condition holds.
+inline void require(bool good, const char* sentence) {
+  if (!good) throw UsageError(sentence);
+}
+
 }  // namespace curlew

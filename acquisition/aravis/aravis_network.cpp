@@ -10,16 +10,12 @@
 #include <cstdint>
 
 namespace curlew {
-namespace {
-
-constexpr std::uint16_t kControlPort = 3956;
-
-}  // namespace
+namespace {}  // namespace
 
 bool gige_device_answers(const std::string& address) {
   sockaddr_in device{};
   device.sin_family = AF_INET;
-  device.sin_port = htons(kControlPort);
+  device.sin_port = htons(kGigeControlPort);
   if (inet_pton(AF_INET, address.c_str(), &device.sin_addr) != 1) return false;
   const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   if (fd < 0) return false;

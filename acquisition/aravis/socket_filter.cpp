@@ -13,12 +13,11 @@
 #include <optional>
 #include <system_error>
 
+#include "acquisition/aravis/aravis_network.h"
 #include "core/error.h"
 
 namespace curlew {
 namespace {
-
-constexpr std::uint16_t kControlPort = 3956;
 
 /// Returns the port of a UDP socket; nothing if it is none.
 std::optional<int> udp_port(int fd) {
@@ -77,7 +76,7 @@ int guard_control_channel(const std::vector<UdpSocket>& before, const std::strin
   });
   if (fresh == sockets.end() || inet_pton(AF_INET, address.c_str(), &camera) != 1)
     throw Failure("the socket for the answers of " + address + " cannot be found");
-  if (!attach_filter(fresh->fd, sender_filter(ntohl(camera.s_addr), kControlPort)))
+  if (!attach_filter(fresh->fd, sender_filter(ntohl(camera.s_addr), kGigeControlPort)))
     throw Failure("the kernel does not let the socket for the answers of " + address +
                   " be guarded against others: " + std::generic_category().message(errno));
   // Where it is the heartbeat's answer that goes, Aravis asks again.

@@ -33,8 +33,6 @@ std::string literal_path(const std::string& path) {
   return absolute;
 }
 
-fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
-
 }  // namespace
 
 FitsFile::Handle::~Handle() {

@@ -1,11 +1,14 @@
-// The parts of FitsFile share this. It does not include cfitsio: only the .cpp files do.
+// The parts of FitsFile share this: those .cpp files that call cfitsio.
 #pragma once
+
+#include <fitsio.h>
 
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "acquisition/fits/file_descriptor.h"
@@ -15,6 +18,21 @@
 #include "acquisition/fits/unpacking_process.h"
 
 namespace curlew {
+
+inline fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
+
+/// Returns cfitsio's code for values of this type in memory.
+template <typename T>
+constexpr int fits_datatype() {
+  if constexpr (std::is_same_v<T, std::uint8_t>) return TBYTE;
+  if constexpr (std::is_same_v<T, std::int16_t>) return TSHORT;
+  if constexpr (std::is_same_v<T, std::uint16_t>) return TUSHORT;
+  if constexpr (std::is_same_v<T, std::int32_t>) return TINT;
+  if constexpr (std::is_same_v<T, std::uint32_t>) return TUINT;
+  if constexpr (std::is_same_v<T, std::int64_t>) return TLONGLONG;
+  if constexpr (std::is_same_v<T, float>) return TFLOAT;
+  if constexpr (std::is_same_v<T, double>) return TDOUBLE;
+}
 
 struct FitsFile::Handle {
   Handle() = default;

@@ -12,30 +12,15 @@
 
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/fits/fits_handle.h"
+#include "acquisition/fits/hdu_bytes.h"
 #include "core/memory_limit.h"
 
 namespace curlew {
 namespace {
 
-constexpr int kMaxAxes = 9;
-// A FITS file consists of blocks of this many bytes.
-constexpr std::int64_t kBlock = 2880;
 // A calibration works on a plane with this many bytes a pixel, measured on 4000 x 4000 floats.
 constexpr std::int64_t kWorkingBytes = 48;
 static_assert(sizeof(LONGLONG) == sizeof(std::int64_t));
-
-fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
-
-template <typename T>
-constexpr int datatype() {
-  if constexpr (std::is_same_v<T, std::uint8_t>) return TBYTE;
-  if constexpr (std::is_same_v<T, std::int16_t>) return TSHORT;
-  if constexpr (std::is_same_v<T, std::uint16_t>) return TUSHORT;
-  if constexpr (std::is_same_v<T, std::int32_t>) return TINT;
-  if constexpr (std::is_same_v<T, std::uint32_t>) return TUINT;
-  if constexpr (std::is_same_v<T, float>) return TFLOAT;
-  if constexpr (std::is_same_v<T, double>) return TDOUBLE;
-}
 
 int image_type(ElementType element) {
   switch (element) {
@@ -173,9 +158,9 @@ std::optional<std::string> find_missing_pixels(fitsfile* file, const ImageSize& 
            std::to_string(present) + " of " + std::to_string(size.bytes) + " bytes)";
   }
   // cfitsio cannot read a part of a block.
-  if (present % kBlock != 0 && present < size.bytes / kBlock * kBlock + kBlock) {
-    return "is truncated: its last block has " + std::to_string(present % kBlock) + " of " +
-           std::to_string(kBlock) + " bytes, as if the file had not been closed";
+  if (present % kFitsBlock != 0 && present < size.bytes / kFitsBlock * kFitsBlock + kFitsBlock) {
+    return "is truncated: its last block has " + std::to_string(present % kFitsBlock) + " of " +
+           std::to_string(kFitsBlock) + " bytes, as if the file had not been closed";
   }
   return std::nullopt;
 }
@@ -298,7 +283,7 @@ void FitsFile::read_pixels(std::int64_t first, std::span<T> into) {
   if (place.compressed && handle_->reading()) {
     handle_->unpack(
         {.hdu = place.hdu - 1,
-         .datatype = datatype<T>(),
+         .datatype = fits_datatype<T>(),
          .first = first,
          .bytes = static_cast<std::int64_t>(into.size_bytes()),
          .elements = static_cast<std::int64_t>(into.size()),
@@ -312,8 +297,9 @@ void FitsFile::read_pixels(std::int64_t first, std::span<T> into) {
   T nan{};
   if constexpr (std::is_floating_point_v<T>) nan = std::numeric_limits<T>::quiet_NaN();
   int any_undefined = 0;  // cfitsio writes to it whether we want it or not.
-  fits_read_img(cfits(handle_->file), datatype<T>(), first + 1, static_cast<LONGLONG>(into.size()),
-                undefined_is_nan ? &nan : nullptr, into.data(), &any_undefined, &status);
+  fits_read_img(cfits(handle_->file), fits_datatype<T>(), first + 1,
+                static_cast<LONGLONG>(into.size()), undefined_is_nan ? &nan : nullptr, into.data(),
+                &any_undefined, &status);
   handle_->check(status, "read its pixels");
 }
 
@@ -353,7 +339,7 @@ template <typename T>
 void FitsFile::write_pixels(std::int64_t first, std::span<const T> pixels) {
   int status = 0;
   // cfitsio's parameter is not const, but it does not write to it.
-  fits_write_img(cfits(handle_->file), datatype<T>(), first + 1,
+  fits_write_img(cfits(handle_->file), fits_datatype<T>(), first + 1,
                  static_cast<LONGLONG>(pixels.size()), const_cast<T*>(pixels.data()), &status);
   handle_->check(status, "write its pixels");
 }

@@ -16,8 +16,6 @@
 namespace curlew {
 namespace {
 
-fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
-
 std::string printable_ascii(std::string text) {
   for (char& c : text) {
     if (c < ' ' || c > '~') c = '?';

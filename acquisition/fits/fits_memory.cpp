@@ -8,14 +8,12 @@
 
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/fits/fits_handle.h"
+#include "acquisition/fits/hdu_bytes.h"
 
 namespace curlew {
 namespace {
 
-constexpr std::size_t kBlock = 2880;           // bytes
-constexpr std::size_t kGrowth = 100 * kBlock;  // bytes, at least, by which a file grows
-
-fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
+constexpr std::size_t kGrowth = 100 * kFitsBlock;  // bytes, at least, by which a file grows
 
 }  // namespace
 
@@ -23,8 +21,8 @@ FitsFile FitsFile::create_in_memory(const std::string& path) {
   auto handle = std::make_unique<Handle>();
   handle->path = path;
   // cfitsio takes the memory that is there at first for a part of the file.
-  handle->memory_bytes = kBlock;
-  handle->memory = std::calloc(1, kBlock);
+  handle->memory_bytes = kFitsBlock;
+  handle->memory = std::calloc(1, kFitsBlock);
   fitsfile* file = nullptr;
   int status = 0;
   fits_create_memfile(&file, &handle->memory, &handle->memory_bytes, kGrowth, std::realloc,

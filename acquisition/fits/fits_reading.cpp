@@ -24,8 +24,6 @@ namespace {
 
 constexpr std::size_t kMostHdus = 10'000;
 
-fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
-
 std::string capitals(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(), [](char c) {
     return c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;

@@ -10,21 +10,10 @@
 
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/fits/fits_handle.h"
+#include "acquisition/fits/hdu_bytes.h"
 
 namespace curlew {
 namespace {
-
-constexpr std::int64_t kBlock = 2880;  // bytes; the parts of a FITS file are multiples of it
-
-fitsfile* cfits(void* file) { return static_cast<fitsfile*>(file); }
-
-template <typename T>
-constexpr int datatype() {
-  if constexpr (std::is_same_v<T, std::int32_t>) return TINT;
-  if constexpr (std::is_same_v<T, std::int64_t>) return TLONGLONG;
-  if constexpr (std::is_same_v<T, float>) return TFLOAT;
-  if constexpr (std::is_same_v<T, double>) return TDOUBLE;
-}
 
 // Returns the column's number, or 0 if there is none. Case does not matter. cfitsio takes '*', '?'
 // and '#' in a name as wildcards; no name that the program asks for has them.
@@ -78,7 +67,7 @@ std::int64_t FitsFile::whole_row_count() {
   handle_->check(status, "find a table");
   // cfitsio cannot read a part of a FITS block.
   const std::int64_t present =
-      std::max<std::int64_t>(0, (file->Fptr->filesize - data) / kBlock * kBlock);
+      std::max<std::int64_t>(0, (file->Fptr->filesize - data) / kFitsBlock * kFitsBlock);
   const std::int64_t row_bytes = std::max<std::int64_t>(1, file->Fptr->rowlength);
   return std::min<std::int64_t>(rows, present / row_bytes);
 }
@@ -109,7 +98,7 @@ void FitsFile::write_column(const std::string& name, std::int64_t first_row,
   if (column == 0) handle_->fail("has no column " + name);
   int status = 0;
   // cfitsio's parameter is not const, but it does not write to it.
-  fits_write_col(file, datatype<T>(), column, first_row + 1, 1,
+  fits_write_col(file, fits_datatype<T>(), column, first_row + 1, 1,
                  static_cast<LONGLONG>(values.size()), const_cast<T*>(values.data()), &status);
   handle_->check(status, "write the column " + name);
 }
@@ -152,7 +141,7 @@ void FitsFile::read_column(const std::string& name, std::int64_t first_row, std:
     if (repeat != 1 || type == TSTRING || type < 0) {
       handle_->fail("has a column " + name + " that is not one number a row");
     }
-    fits_read_col(file, datatype<T>(), column, first_row + 1, 1, rows, nullptr, into.data(),
+    fits_read_col(file, fits_datatype<T>(), column, first_row + 1, 1, rows, nullptr, into.data(),
                   nullptr, &status);
   }
   handle_->check(status, "read the column " + name);

@@ -12,7 +12,7 @@ namespace curlew {
 inline constexpr std::int64_t kFitsBlock = 2880;  ///< bytes; each part of a file is a multiple
 
 /// Returns so many bytes, filled up to whole blocks.
-inline std::int64_t whole_blocks(std::int64_t bytes) {
+constexpr std::int64_t whole_blocks(std::int64_t bytes) {
   return (bytes + kFitsBlock - 1) / kFitsBlock * kFitsBlock;
 }
 

@@ -14,7 +14,6 @@
 namespace curlew {
 namespace {
 
-constexpr std::int64_t kMaxAxes = 9;
 constexpr std::int64_t kMaxColumns = 999;
 constexpr std::int64_t kMaxBytes = std::int64_t{1} << 62;
 constexpr std::int64_t kAnyInteger = std::numeric_limits<std::int64_t>::max();

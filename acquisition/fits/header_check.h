@@ -30,6 +30,8 @@ struct RawHeader {
   static constexpr std::size_t kCard = 80;
 };
 
+inline constexpr int kMaxAxes = 9;  ///< of an image, for cfitsio
+
 /// Reads the header that begins at `offset` in an open file: SIMPLE at 0, XTENSION anywhere else.
 /// It leaves the file's own position alone.
 RawHeader read_raw_header(int file, std::int64_t offset);

@@ -5,20 +5,20 @@
 #include <cerrno>
 
 #include "acquisition/fits/fits_card.h"
+#include "acquisition/fits/hdu_bytes.h"
 #include "acquisition/fits/header_check.h"
 
 namespace curlew {
 namespace {
 
-constexpr std::size_t kBlock = 2880;
 // Headers of telescopes have hundreds of cards, rarely thousands.
 constexpr std::size_t kMostCards = 100'000;
 
 // Reads one block; returns false if the file ends before the block does.
-bool read_block(int file, std::int64_t offset, std::array<char, kBlock>& block) {
+bool read_block(int file, std::int64_t offset, std::array<char, kFitsBlock>& block) {
   std::size_t got = 0;
-  while (got < kBlock) {
-    const ssize_t n = pread(file, block.data() + got, kBlock - got,
+  while (got < kFitsBlock) {
+    const ssize_t n = pread(file, block.data() + got, kFitsBlock - got,
                             static_cast<off_t>(offset + static_cast<std::int64_t>(got)));
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return false;
@@ -37,17 +37,17 @@ std::string RawHeader::text(std::string_view name) const {
 
 RawHeader read_raw_header(int file, std::int64_t offset) {
   RawHeader header;
-  std::array<char, kBlock> block{};
+  std::array<char, kFitsBlock> block{};
   const std::string_view text(block.data(), block.size());
   const std::string_view first = offset == 0 ? "SIMPLE" : "XTENSION";
   for (std::int64_t at = offset; header.size() < kMostCards;
-       at += static_cast<std::int64_t>(kBlock)) {
+       at += static_cast<std::int64_t>(kFitsBlock)) {
     if (!read_block(file, at, block)) return header;
     if (at == offset) {
       if (card_name(text.substr(0, RawHeader::kCard)) != first) return header;
       header.end = RawHeader::End::kMissing;
     }
-    for (std::size_t i = 0; i < kBlock; i += RawHeader::kCard) {
+    for (std::size_t i = 0; i < kFitsBlock; i += RawHeader::kCard) {
       if (card_name(text.substr(i, RawHeader::kCard)) == "END") {
         header.end = RawHeader::End::kComplete;
         return header;

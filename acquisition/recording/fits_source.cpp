@@ -18,8 +18,6 @@
 namespace curlew {
 namespace {
 
-constexpr double kMaxCount = 65535.0;
-
 std::string number(double value) {
   std::array<char, 32> text{};
   std::snprintf(text.data(), text.size(), "%.7g", value);

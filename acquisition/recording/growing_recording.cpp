@@ -12,6 +12,7 @@
 #include <filesystem>
 #include <system_error>
 
+#include "acquisition/fits/hdu_bytes.h"
 #include "acquisition/fits/partial_path.h"
 #include "core/as_size.h"
 #include "core/error.h"
@@ -19,18 +20,13 @@
 namespace curlew {
 namespace {
 
-constexpr std::int64_t kBlock = 2880;  // bytes; the parts of a FITS file are multiples of it
-constexpr std::int64_t kCard = 80;     // bytes
+constexpr std::int64_t kCard = 80;  // bytes
 // FITS demands NAXIS3 as the sixth card of a cube's header, and NAXIS1 as the fourth of an
 // extension's.
 constexpr std::int64_t kNaxis3At = 5 * kCard;
 constexpr std::int64_t kNaxis1At = 3 * kCard;
 // The space for new frames is a hole in the file, which takes no space on the disk.
 constexpr std::int64_t kMinSpare = std::int64_t{64} << 20;
-
-constexpr std::int64_t whole_blocks(std::int64_t bytes) {
-  return (bytes + kBlock - 1) / kBlock * kBlock;
-}
 
 std::int64_t size(const std::vector<std::byte>& bytes) {
   return static_cast<std::int64_t>(bytes.size());
@@ -73,7 +69,7 @@ GrowingRecording::GrowingRecording(const std::string& path, const FrameFormat& f
 
 GrowingRecording::~GrowingRecording() {
   // UNFINISHED's header is the tail's last block.
-  const std::int64_t end = tail_is_whole_ ? tail_end_ - kBlock : whole_blocks(committed_end_);
+  const std::int64_t end = tail_is_whole_ ? tail_end_ - kFitsBlock : whole_blocks(committed_end_);
   // If this fails, the file is as a killed process leaves it: readable.
   [[maybe_unused]] const int result = ftruncate(file_, end);
   close(file_);
@@ -137,7 +133,7 @@ void GrowingRecording::lay_out_tail() {
   tail_.insert(tail_.end(), model.begin(), model.end());
   spare_bytes_ = whole_blocks(std::max({kMinSpare, 4 * size(encoded_), 4 * size(tail_)}));
   const std::string card = FitsFile::card("NAXIS1", spare_bytes_, "frames being written");
-  std::memcpy(tail_.data() + tail_.size() - kBlock + kNaxis1At, card.data(), card.size());
+  std::memcpy(tail_.data() + tail_.size() - kFitsBlock + kNaxis1At, card.data(), card.size());
 }
 
 void GrowingRecording::commit() {

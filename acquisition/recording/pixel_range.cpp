@@ -10,7 +10,6 @@
 namespace curlew {
 namespace {
 
-constexpr double kMaxCount = 65535.0;
 // From this span on, rounding to whole ADU loses less than most detectors' own noise.
 constexpr double kWideSpan = 4096.0;
 constexpr double kStepsOfNoise = 8.0;  // The step is at most this part of the noise.

@@ -9,6 +9,8 @@
 
 namespace curlew {
 
+inline constexpr double kMaxCount = 65535.0;  ///< the largest that 16 bits hold
+
 /// Says how values become counts: value = min + scale · count. What lies outside is clipped.
 struct PixelMap {
   double min = 0.0;

@@ -12,10 +12,6 @@ namespace {
 
 constexpr int kLargestDetectorPx = 32768;
 
-void require(bool good, const char* sentence) {
-  if (!good) throw UsageError(sentence);
-}
-
 double circle_radius(const SimulatorOptions& o) { return 0.5 * std::min(o.rows, o.cols); }
 
 }  // namespace

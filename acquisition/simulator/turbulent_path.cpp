@@ -19,10 +19,6 @@ constexpr int kMargin = 4;           // lenslets
 constexpr int kLargestGrid = 8192;
 constexpr double kRounding = 1.0 + 1e-9;
 
-void require(bool good, const char* sentence) {
-  if (!good) throw UsageError(sentence);
-}
-
 void check_path(const TurbulentPath& p) {
   require(std::isfinite(p.rytov_variance) && p.rytov_variance >= 0.0,
           "the Rytov variance must be 0 or more");

@@ -17,7 +17,7 @@
 namespace curlew {
 namespace {
 
-struct Scene {
+struct KernelScene {
   Sensor sensor;
   FrameFormat format;
   Image<std::uint16_t> u16;
@@ -36,8 +36,8 @@ struct Scene {
 };
 
 /// Makes 2 rows of 3 lenslets of P × P px with a noisy spot in each and a background of 10.
-Scene make_scene(int window_px, PixelType type, bool maps, std::mt19937_64& random) {
-  Scene scene;
+KernelScene make_scene(int window_px, PixelType type, bool maps, std::mt19937_64& random) {
+  KernelScene scene;
   scene.sensor = tiled_sensor({2, 3, window_px});
   scene.sensor.background_adu = 10.0;
   scene.sensor.detector.saturation_adu = kUnknown;
@@ -86,7 +86,7 @@ class EveryTarget : public testing::Test {
 };
 
 /// variance_rounding_px2: what differences of large moments may leave of a small variance.
-void expect_equal(const Scene& scene, const CentroidOptions& options,
+void expect_equal(const KernelScene& scene, const CentroidOptions& options,
                   double variance_rounding_px2 = 1e-12) {
   const CentroidPlan plan(scene.sensor, scene.format, options);
   Centroids got(2, 3);
@@ -124,7 +124,7 @@ TEST_F(EveryTarget, EqualsPlainArithmeticForEveryWindowSize) {
     std::mt19937_64 random(seed);
     for (const PixelType type : {PixelType::kU8, PixelType::kU16}) {
       for (const bool maps : {false, true}) {
-        Scene scene = make_scene(window, type, maps, random);
+        KernelScene scene = make_scene(window, type, maps, random);
         for_every_target([&] {
           expect_equal(scene, {.threshold_adu = 25.0});
           expect_equal(scene, {.threshold_relative = 0.3, .threshold_noise = 1.0});
@@ -138,7 +138,7 @@ TEST_F(EveryTarget, EqualsPlainArithmeticForClippedAndOverlappingWindows) {
   std::mt19937_64 random(7);
   for (int width = 2; width <= 20; ++width) {
     SCOPED_TRACE("width " + std::to_string(width));
-    Scene scene = make_scene(20, PixelType::kU16, true, random);
+    KernelScene scene = make_scene(20, PixelType::kU16, true, random);
     for (std::size_t k = 0; k < 6; ++k) {
       Window& window = scene.sensor.window[k];
       if (k % 2 == 0) window.x0 = std::min(window.x0 + 20 - width, 60 - width);
@@ -153,7 +153,8 @@ TEST_F(EveryTarget, EqualsPlainArithmeticForClippedAndOverlappingWindows) {
 TEST_F(EveryTarget, FramesNarrowerThanAVectorAreRead) {
   for (int window = 2; window <= 6; ++window) {
     std::mt19937_64 random(11);
-    Scene scene = make_scene(window, PixelType::kU8, false, random);  // It has 6 to 18 columns.
+    KernelScene scene =
+        make_scene(window, PixelType::kU8, false, random);  // It has 6 to 18 columns.
     for_every_target([&] { expect_equal(scene, {.threshold_adu = 25.0}); });
   }
 }
@@ -164,7 +165,7 @@ TEST_F(EveryTarget, EqualsPlainArithmeticForSpotsOfFewElectrons) {
   std::mt19937_64 random(12);
   int few = 0;
   for (int window = 10; window <= 20; window += 2) {
-    Scene scene = make_scene(window, PixelType::kU16, false, random);
+    KernelScene scene = make_scene(window, PixelType::kU16, false, random);
     const CentroidOptions options{.threshold_adu = 178.0, .min_snr = 0.0};
     Centroids c(2, 3);
     find_centroids(CentroidPlan(scene.sensor, scene.format, options), scene.view(), c);
@@ -189,7 +190,7 @@ class Spots : public testing::Test {
     find_centroids(CentroidPlan(scene.sensor, scene.format, options), scene.view(), centroids);
     return centroids;
   }
-  Scene scene;
+  KernelScene scene;
 };
 
 TEST_F(Spots, OneBrightPixelIsWhereItIs) {
@@ -300,8 +301,8 @@ TEST_F(Spots, EmptyAndFullFramesAreDataAndNotNaN) {
 
 TEST_F(Spots, CalibrationMapsUndoWhatTheDetectorDid) {
   std::mt19937_64 random(5);
-  const Scene truth = make_scene(12, PixelType::kU16, false, random);
-  Scene raw = truth;
+  const KernelScene truth = make_scene(12, PixelType::kU16, false, random);
+  KernelScene raw = truth;
   raw.sensor.dark_adu = Image<float>(24, 36);
   raw.sensor.flat = Image<float>(24, 36);
   for (std::size_t i = 0; i < raw.u16.size(); ++i) {
@@ -325,8 +326,8 @@ TEST_F(Spots, CalibrationMapsUndoWhatTheDetectorDid) {
 TEST_F(Spots, AnAffineMapOfTheCountsChangesNothingPhysical) {
   for (const bool maps : {false, true}) {
     std::mt19937_64 random(6);
-    const Scene plain = make_scene(12, PixelType::kU16, maps, random);
-    Scene mapped = plain;  // Its counts are 4·ADU + 800.
+    const KernelScene plain = make_scene(12, PixelType::kU16, maps, random);
+    KernelScene mapped = plain;  // Its counts are 4·ADU + 800.
     mapped.format.scale_adu = 0.25;
     mapped.format.zero_adu = -200.0;
     for (auto& pixel : mapped.u16) pixel = static_cast<std::uint16_t>(4 * pixel + 800);

@@ -29,8 +29,8 @@ using Light = std::function<double(int, int)>;
 constexpr double kDarkAdu = 10.0;
 
 /// Lenslets in this scene have windows that tile the frame. Its pixels are u16.
-struct Scene {
-  Scene(CentroidMethod method, int rows, int cols, int window_px)
+struct SpotScene {
+  SpotScene(CentroidMethod method, int rows, int cols, int window_px)
       : sensor(tiled_sensor({rows, cols, window_px})), window(window_px) {
     sensor.optics = {};  // λ/w is not known.
     sensor.background_adu = kDarkAdu;
@@ -90,7 +90,7 @@ class Methods : public testing::TestWithParam<CentroidMethod> {
 
 TEST_P(Methods, ASpotAtTheCentreIsFoundThere) {
   for (const int window : {5, 6, 8, 11, 33}) {
-    Scene scene(GetParam(), 1, 4, window);
+    SpotScene scene(GetParam(), 1, 4, window);
     scene.draw(0, 0, gaussian(3000.0, 1.0, window, 0.0, 0.0));
     const Centroids c = scene.find();
     SCOPED_TRACE("window " + std::to_string(window));
@@ -105,7 +105,7 @@ TEST_P(Methods, ASpotAtTheCentreIsFoundThere) {
 TEST_P(Methods, ItFollowsASpot) {
   const int window = 12;
   constexpr double kShifts[] = {-1.6, -1.1, -0.7, -0.3, 0.3, 0.7, 1.1, 1.6};
-  Scene scene(GetParam(), 1, 8, window);
+  SpotScene scene(GetParam(), 1, 8, window);
   for (int k = 0; k < 8; ++k)
     scene.draw(0, k, gaussian(20000.0, 1.0, window, kShifts[k], -0.5 * kShifts[k]));
   const Centroids c = scene.find();
@@ -134,7 +134,7 @@ TEST_P(Methods, MirroredAndTransposedPicturesAreMirroredAndTransposed) {
     const Light b = gaussian(300.0, 1.0, window, 0.8 * normal(random), 0.8 * normal(random));
     for (int i = 0; i < window; ++i)
       for (int j = 0; j < window; ++j) light(i, j) = a(i, j) + b(i, j) + 3.0 * normal(random);
-    Scene scene(GetParam(), 1, 4, window);
+    SpotScene scene(GetParam(), 1, 4, window);
     scene.draw(0, 0, [&](int i, int j) { return light(i, j); });
     scene.draw(0, 1, [&](int i, int j) { return light(i, window - 1 - j); });
     scene.draw(0, 2, [&](int i, int j) { return light(window - 1 - i, j); });
@@ -160,7 +160,7 @@ TEST_P(Methods, MirroredAndTransposedPicturesAreMirroredAndTransposed) {
 
 TEST_P(Methods, BrightnessAloneChangesNothing) {
   const int window = 8;
-  Scene scene(GetParam(), 1, 4, window);
+  SpotScene scene(GetParam(), 1, 4, window);
   scene.sensor.detector.read_noise_e = 0.0;  // This makes no pull and no threshold.
   scene.sensor.detector.e_per_adu = kUnknown;
   scene.options.threshold_noise = 0.0;
@@ -190,7 +190,7 @@ TEST_P(Methods, TheVarianceClaimedIsTheVarianceMeasured) {
     const int window = 8;
     const double sigma = 1.0;
     const double peak = electrons / (2.0 * 3.14159265 * sigma * sigma);
-    Scene scene(GetParam(), n, n, window);
+    SpotScene scene(GetParam(), n, n, window);
     scene.sensor.detector = {.e_per_adu = 0.25, .read_noise_e = 1.0};
     for (int r = 0; r < n; ++r) {
       for (int c = 0; c < n; ++c) {
@@ -226,7 +226,7 @@ TEST_P(Methods, TheVarianceClaimedIsTheVarianceMeasured) {
 
 TEST_P(Methods, NothingIsEverNotANumber) {
   const int window = 6;
-  Scene scene(GetParam(), 3, 4, window);
+  SpotScene scene(GetParam(), 3, 4, window);
   scene.sensor.detector.saturation_adu = 60000.0;
   const auto at = [&](int row, int col, double value) {
     return [=](int i, int j) { return i == row && j == col ? value : 0.0; };
@@ -276,7 +276,7 @@ TEST_P(Methods, NothingIsEverNotANumber) {
 TEST_P(Methods, BytesAndWordsOfTheSameCountsAreTheSame) {
   std::mt19937 random(4);
   for (const bool maps : {false, true}) {
-    Scene scene(GetParam(), 5, 7, 7);
+    SpotScene scene(GetParam(), 5, 7, 7);
     scene.sensor.detector.saturation_adu = 255.0;  // Maps are rounded by what counts may be.
     if (maps) add_maps(scene.sensor, 5);
     std::uniform_int_distribution<int> noise(0, 20);
@@ -313,7 +313,7 @@ TEST_P(Methods, BytesAndWordsOfTheSameCountsAreTheSame) {
 
 TEST_P(Methods, EveryInstructionSetFindsTheSame) {
   std::mt19937 random(6);
-  Scene scene(GetParam(), 3, 5, 9);
+  SpotScene scene(GetParam(), 3, 5, 9);
   std::normal_distribution<double> noise(0.0, 5.0);
   std::uniform_real_distribution<double> shift(-1.0, 1.0);
   for (int r = 0; r < 3; ++r) {
@@ -413,7 +413,7 @@ INSTANTIATE_TEST_SUITE_P(All, Methods,
                          [](const auto& p) { return std::string(name_of(p.param)); });
 
 TEST(CentroidMethods, PlainIsThresholdedAtNothing) {
-  Scene scene(CentroidMethod::kPlain, 1, 4, 8);
+  SpotScene scene(CentroidMethod::kPlain, 1, 4, 8);
   scene.draw(0, 0, gaussian(500.0, 1.5, 8, 0.4, -0.3));
   scene.options.threshold_adu = 100.0;
   const Centroids plain = scene.find();
@@ -424,7 +424,7 @@ TEST(CentroidMethods, PlainIsThresholdedAtNothing) {
 }
 
 TEST(CentroidMethods, ThePullHoldsDarkLensletsAndNoOthers) {
-  Scene scene(CentroidMethod::kWeighted, 1, 4, 8);
+  SpotScene scene(CentroidMethod::kWeighted, 1, 4, 8);
   scene.draw(0, 0, gaussian(3.0, 1.0, 8, 1.0, 0.0));
   scene.draw(0, 1, gaussian(3000.0, 1.0, 8, 1.0, 0.0));
   Centroids pulled = scene.find();
@@ -436,7 +436,7 @@ TEST(CentroidMethods, ThePullHoldsDarkLensletsAndNoOthers) {
 }
 
 TEST(CentroidMethods, ASensorServesTheMethodItWasCalibratedFor) {
-  Scene scene(CentroidMethod::kWeighted, 1, 4, 8);
+  SpotScene scene(CentroidMethod::kWeighted, 1, 4, 8);
   scene.options.method = CentroidMethod::kThresholded;
   try {
     scene.find();
@@ -445,7 +445,7 @@ TEST(CentroidMethods, ASensorServesTheMethodItWasCalibratedFor) {
     EXPECT_NE(std::string(failure.what()).find("'weighted'"), std::string::npos);
     EXPECT_NE(std::string(failure.what()).find("'thresholded'"), std::string::npos);
   }
-  const Scene wide(CentroidMethod::kWeighted, 1, 4, kMaxMethodWindow + 1);
+  const SpotScene wide(CentroidMethod::kWeighted, 1, 4, kMaxMethodWindow + 1);
   EXPECT_THROW(wide.find(), UsageError);
 }
 

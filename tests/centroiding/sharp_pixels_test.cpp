@@ -13,11 +13,11 @@
 namespace curlew {
 namespace {
 
-constexpr std::uint64_t kSeed = 20261130;
-constexpr BenchCase kCase{16, 16, 12};
+constexpr std::uint64_t kHitSeed = 20261130;
+constexpr BenchCase kHitCase{16, 16, 12};
 
 Sensor sensor_of_spots(CentroidMethod method = CentroidMethod::kThresholded) {
-  Sensor sensor = tiled_sensor(kCase);
+  Sensor sensor = tiled_sensor(kHitCase);
   sensor.method = method;
   // σ is P/6 = 2 px: on a pixel's centre the peak is 1.13 of its neighbours at most.
   sensor.spot_sharpness = 1.13;
@@ -31,8 +31,8 @@ struct Measured {
         level_plan(sensor, plan, options),
         sharp_plan(sensor, frame.format),
         levels(level_plan),
-        sharp(kCase.rows, kCase.cols),
-        centroids(kCase.rows, kCase.cols) {
+        sharp(kHitCase.rows, kHitCase.cols),
+        centroids(kHitCase.rows, kHitCase.cols) {
     measure_levels(level_plan, level_plan.pixels(), frame.view(), levels);
     find_sharp_pixels(sharp_plan, plan, plan.spots, frame.view(), levels, sharp);
     find_centroids(plan, frame.view(), centroids, {&levels, &sharp});
@@ -48,9 +48,9 @@ struct Measured {
 
 TEST(SharpPixels, LightIsNone) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
-    const Measured measured(make_bench_frame(kCase, BenchSlopes::kRandom, kSeed + seed));
-    EXPECT_TRUE(measured.sharp.pixels.empty()) << "seed " << kSeed + seed;
-    EXPECT_FALSE(measured.sharp.any_broken) << "seed " << kSeed + seed;
+    const Measured measured(make_bench_frame(kHitCase, BenchSlopes::kRandom, kHitSeed + seed));
+    EXPECT_TRUE(measured.sharp.pixels.empty()) << "seed " << kHitSeed + seed;
+    EXPECT_FALSE(measured.sharp.any_broken) << "seed " << kHitSeed + seed;
   }
 }
 
@@ -60,7 +60,7 @@ TEST(SharpPixels, LightIsNoneWhereTheReferenceSpotsLieBetweenPixels) {
   Sensor sensor = tiled_sensor(kFine);
   sensor.spot_sharpness = 1.0;
   sensor.spot_gaussian_px = 1.0;
-  const BenchFrame frame = make_bench_frame(kFine, BenchSlopes::kRandom, kSeed);
+  const BenchFrame frame = make_bench_frame(kFine, BenchSlopes::kRandom, kHitSeed);
   const CentroidPlan plan(sensor, frame.format);
   const LevelPlan level_plan(sensor, plan, {});
   const SharpPixelPlan sharp_plan(sensor, frame.format);
@@ -74,18 +74,18 @@ TEST(SharpPixels, LightIsNoneWhereTheReferenceSpotsLieBetweenPixels) {
 }
 
 TEST(SharpPixels, HitLensletsAreWhereTheyWouldBeWithoutTheHit) {
-  const BenchFrame clean = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
+  const BenchFrame clean = make_bench_frame(kHitCase, BenchSlopes::kSmooth, kHitSeed);
   const Measured before(clean);
   BenchFrame hit = clean;
-  RandomStream random(kSeed, 1);
+  RandomStream random(kHitSeed, 1);
   const int n_hits = 40;
   for (int i = 0; i < n_hits; ++i) {
     // One in each of 40 lenslets, none at the frame's rim.
     const int k = 6 * i + 1;
     const int x =
-        kCase.window_px * (k % kCase.cols) + 1 + static_cast<int>(10.0 * random.uniform());
+        kHitCase.window_px * (k % kHitCase.cols) + 1 + static_cast<int>(10.0 * random.uniform());
     const int y =
-        kCase.window_px * (k / kCase.cols) + 1 + static_cast<int>(10.0 * random.uniform());
+        kHitCase.window_px * (k / kHitCase.cols) + 1 + static_cast<int>(10.0 * random.uniform());
     std::uint16_t& count = hit.pixels(y, x);
     count = static_cast<std::uint16_t>(count + 40000);
   }
@@ -115,7 +115,7 @@ TEST(SharpPixels, HitLensletsAreWhereTheyWouldBeWithoutTheHit) {
 
 // The lists hold 4 pixels a lenslet that are replaced, and 16 that are looked at.
 TEST(SharpPixels, WhereMorePixelsAreHotThanTheListsHoldLensletsAreMissing) {
-  const BenchFrame clean = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
+  const BenchFrame clean = make_bench_frame(kHitCase, BenchSlopes::kSmooth, kHitSeed);
   const Measured before(clean);
   for (const int apart : {4, 2}) {
     BenchFrame hot = clean;
@@ -145,25 +145,26 @@ TEST(SharpPixels, WhereMorePixelsAreHotThanTheListsHoldLensletsAreMissing) {
 
 // A frame that arrives by and by has the same lenslets missing, before its last row is there.
 TEST(SharpPixels, AFullListIsTheSameInAFrameThatIsStillArriving) {
-  BenchFrame hot = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
+  BenchFrame hot = make_bench_frame(kHitCase, BenchSlopes::kSmooth, kHitSeed);
   for (int y = 1; y < hot.pixels.rows() - 1; y += 3)
     for (int x = 1; x < hot.pixels.cols() - 1; x += 2)
       hot.pixels(y, x) = static_cast<std::uint16_t>(hot.pixels(y, x) + 20000);
   const Measured whole(hot);
   Measured parts(hot);
   begin_sharp_pixels(parts.sharp);
-  Image<std::uint8_t> broken(kCase.rows, kCase.cols);
-  for (int ready = 5, row = 0; row < kCase.rows; ready = std::min(ready + 7, hot.pixels.rows())) {
+  Image<std::uint8_t> broken(kHitCase.rows, kHitCase.cols);
+  for (int ready = 5, row = 0; row < kHitCase.rows;
+       ready = std::min(ready + 7, hot.pixels.rows())) {
     const int looked_at = find_sharp_pixels_rows(parts.sharp_plan, parts.plan, parts.plan.spots,
                                                  hot.view(), ready, parts.levels, parts.sharp);
-    for (; row < kCase.rows && parts.plan.frame_rows_needed(row) <= looked_at; ++row)
-      for (int c = 0; c < kCase.cols; ++c) broken(row, c) = parts.sharp.broken(row, c);
+    for (; row < kHitCase.rows && parts.plan.frame_rows_needed(row) <= looked_at; ++row)
+      for (int c = 0; c < kHitCase.cols; ++c) broken(row, c) = parts.sharp.broken(row, c);
   }
   for (std::size_t k = 0; k < broken.size(); ++k) EXPECT_EQ(broken[k], whole.sharp.broken[k]) << k;
 }
 
 TEST(SharpPixels, AHitInADarkWindowIsNoSpot) {
-  BenchFrame frame = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
+  BenchFrame frame = make_bench_frame(kHitCase, BenchSlopes::kSmooth, kHitSeed);
   for (std::uint16_t& count : frame.pixels) count = 100;
   frame.pixels(30, 31) = 30000;
   const Measured measured(frame);
@@ -176,13 +177,13 @@ TEST(SharpPixels, AHitInADarkWindowIsNoSpot) {
 // Each candidate costs a search for its lenslet: 10 % of the pixels once did, in noise alone.
 TEST(SharpPixels, NoiseAndBrightSpotsMakeHardlyACandidate) {
   for (const double sharpness : {1.13, 1.8, 2.8}) {
-    const BenchFrame frame = make_bench_frame(kCase, BenchSlopes::kRandom, kSeed);
+    const BenchFrame frame = make_bench_frame(kHitCase, BenchSlopes::kRandom, kHitSeed);
     Sensor sensor = sensor_of_spots();
     sensor.spot_sharpness = sharpness;
     const CentroidPlan plan(sensor, frame.format);
     const LevelPlan level_plan(sensor, CentroidPlan(sensor, frame.format), {});
     FrameLevels levels(level_plan);
-    SharpPixels sharp(kCase.rows, kCase.cols);
+    SharpPixels sharp(kHitCase.rows, kHitCase.cols);
     measure_levels(level_plan, level_plan.pixels(), frame.view(), levels);
     find_sharp_pixels(SharpPixelPlan(sensor, frame.format), plan, plan.spots, frame.view(), levels,
                       sharp);
@@ -191,7 +192,7 @@ TEST(SharpPixels, NoiseAndBrightSpotsMakeHardlyACandidate) {
 }
 
 TEST(SharpPixels, AreNotLookedForWhereSpotsAreAsSharp) {
-  BenchFrame frame = make_bench_frame(kCase, BenchSlopes::kSmooth, kSeed);
+  BenchFrame frame = make_bench_frame(kHitCase, BenchSlopes::kSmooth, kHitSeed);
   frame.pixels(30, 31) = 65000;
   Sensor sensor = sensor_of_spots();
   for (const double sharpness : {3.5, std::nan("")}) {

@@ -21,13 +21,13 @@ constexpr int kRows = 7;
 constexpr int kCols = 37;
 
 /// A frame of light everywhere, and windows of any size on it.
-struct Scene {
+struct StripScene {
   Sensor sensor;
   FrameFormat format;
   AlignedVector<std::byte> pixels;
   CentroidOptions options{.threshold_adu = 20.0};
 
-  Scene(int pitch, PixelType type, bool maps) {
+  StripScene(int pitch, PixelType type, bool maps) {
     const BenchCase which{kRows, kCols, pitch};
     sensor = tiled_sensor(which);
     sensor.detector.saturation_adu = type == PixelType::kU8 ? 240.0 * 16.0 : 4000.0;
@@ -39,7 +39,7 @@ struct Scene {
 };
 
 /// Moves the windows' edges at random by up to `reach` px, and back into the frame.
-void jitter(Scene& scene, int reach, std::uint64_t seed) {
+void jitter(StripScene& scene, int reach, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::uniform_int_distribution<int> step(-reach, reach);
   const auto& sensor = scene.sensor;
@@ -54,7 +54,7 @@ void jitter(Scene& scene, int reach, std::uint64_t seed) {
 }
 
 /// Tilts the rows of windows by `slope`, and drops those that leave the frame.
-void tilt(Scene& scene, double slope) {
+void tilt(StripScene& scene, double slope) {
   for (std::size_t k = 0; k < scene.sensor.window.size(); ++k) {
     Window& w = scene.sensor.window[k];
     w.y0 += static_cast<int>(std::lround(slope * w.x0));
@@ -72,7 +72,7 @@ int in_strips(const CentroidPlan& plan) {
 /// Compares both ways to measure, with levels and sharp pixels of the frame, on every instruction
 /// set. The sums are made in another order, so that they differ by roundings. In whole numbers, a
 /// pixel's signal may be wrong by a unit and the threshold by half of one.
-void expect_alike(const Scene& scene) {
+void expect_alike(const StripScene& scene) {
   const CentroidPlan plan(scene.sensor, scene.format, scene.options);
   const LevelPlan level_plan(scene.sensor, plan, scene.options);
   FrameLevels levels(level_plan);
@@ -128,7 +128,7 @@ TEST(WindowStrips, MeasureAsEachWindowAlone) {
     for (const PixelType type : {PixelType::kU8, PixelType::kU16}) {
       for (const bool maps : {false, true}) {
         SCOPED_TRACE("pitch " + std::to_string(pitch) + (maps ? ", maps" : ""));
-        Scene scene(pitch, type, maps);
+        StripScene scene(pitch, type, maps);
         EXPECT_EQ(in_strips(CentroidPlan(scene.sensor, scene.format)), kRows * kCols);
         expect_alike(scene);
       }
@@ -139,7 +139,7 @@ TEST(WindowStrips, MeasureAsEachWindowAlone) {
 TEST(WindowStrips, WindowsOfAnySizeAndPlace) {
   for (const int reach : {1, 2, 4}) {
     SCOPED_TRACE("up to " + std::to_string(reach) + " px");
-    Scene scene(12, PixelType::kU16, true);
+    StripScene scene(12, PixelType::kU16, true);
     jitter(scene, reach, static_cast<std::uint64_t>(reach));
     if (reach == 1) {
       EXPECT_GT(in_strips(CentroidPlan(scene.sensor, scene.format)), kRows * kCols / 3);
@@ -151,21 +151,22 @@ TEST(WindowStrips, WindowsOfAnySizeAndPlace) {
 TEST(WindowStrips, TiltedRows) {
   for (const double slope : {-0.3, -0.02, 0.01, 0.05}) {
     SCOPED_TRACE("slope " + std::to_string(slope));
-    Scene scene(12, PixelType::kU16, true);
+    StripScene scene(12, PixelType::kU16, true);
     tilt(scene, slope);
     expect_alike(scene);
   }
 }
 
 TEST(WindowStrips, HotPixelsAndBrightSpotsTakeCodes) {
-  Scene hot(12, PixelType::kU16, true);
+  StripScene hot(12, PixelType::kU16, true);
   for (int i = 0; i < 40; ++i) hot.sensor.dark_adu(2 * i, 3 * i) = 3000.0F;
   const CentroidPlan plan(hot.sensor, hot.format);
   EXPECT_TRUE(plan.words.empty());
   EXPECT_FALSE(plan.codes.empty());
   expect_alike(hot);
 
-  Scene bright(12, PixelType::kU16, true);  // Some counts do not fit into 16 bits with a fraction.
+  StripScene bright(12, PixelType::kU16,
+                    true);  // Some counts do not fit into 16 bits with a fraction.
   bright.sensor.detector.saturation_adu = 65535.0;
   auto* counts = reinterpret_cast<std::uint16_t*>(bright.pixels.data());
   for (std::size_t i = 0; i < bright.format.pixels(); i += 997) counts[i] = 60000;
@@ -174,7 +175,7 @@ TEST(WindowStrips, HotPixelsAndBrightSpotsTakeCodes) {
 }
 
 TEST(WindowStrips, LevelsBelowTheCalibrationsAreMeasured) {
-  Scene scene(12, PixelType::kU16, true);
+  StripScene scene(12, PixelType::kU16, true);
   scene.options.threshold_noise = 0.0;
   scene.options.threshold_adu = 0.0;
   for (float& dark : scene.sensor.dark_adu) dark -= 99.0F;  // Thresholds lie at about 0 counts.
@@ -182,7 +183,7 @@ TEST(WindowStrips, LevelsBelowTheCalibrationsAreMeasured) {
 }
 
 TEST(WindowStrips, WholeNumbersAddLittleToTheNoise) {
-  Scene scene(10, PixelType::kU16, true);
+  StripScene scene(10, PixelType::kU16, true);
   const CentroidPlan plan(scene.sensor, scene.format, scene.options);
   ASSERT_FALSE(plan.words.empty());
   CentroidPlan exact = plan;

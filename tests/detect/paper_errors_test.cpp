@@ -12,11 +12,11 @@
 #include "detect/linear_core.h"
 #include "detect/vortex_kernel.h"
 #include "tests/support/analytic_slopes.h"
+#include "tests/support/constants.h"
 
 namespace curlew {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 using Slope = std::array<double, 2>;
 
 /// Holds the slopes of the four lenslets of a cell, [row][col].

@@ -12,10 +12,11 @@
 #include <random>
 #include <string>
 
+#include "tests/support/constants.h"
+
 namespace curlew {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 constexpr double kLn2 = std::numbers::ln2;
 
 // Each tolerance is half a unit of the last digit of the expected values.

@@ -15,13 +15,13 @@
 namespace curlew {
 namespace {
 
-constexpr int kWindow = 8;
+constexpr int kNoAllocationWindow = 8;
 
 /// Returns a scene of a pupil with a hole, vortices, and lenslets that fade in some frames.
 SimulatorOptions busy_scene() {
   SimulatorOptions options;
   options.rows = options.cols = 12;
-  options.window_px = kWindow;
+  options.window_px = kNoAllocationWindow;
   options.pupil = PupilShape::kObscured;
   options.photons = 150.0;
   options.scene.core_radius = 1.5;
@@ -46,7 +46,7 @@ TEST(NoAllocation, TheCounterCounts) {
 TEST(NoAllocation, NoCentroidMethodAllocates) {
   if (!kCountsAllocations) GTEST_SKIP() << "the sanitizer owns malloc";
   Simulator simulator(busy_scene());
-  Sensor sensor = sensor_of(simulator, kWindow, 100.0);
+  Sensor sensor = sensor_of(simulator, kNoAllocationWindow, 100.0);
   FrameBuffer frame(simulator.format());
   Centroids centroids(sensor.valid.rows(), sensor.valid.cols());
   for (std::size_t i = 0; i < kCentroidMethodNames.size(); ++i) {
@@ -84,7 +84,7 @@ class NoAllocationModes
 TEST_P(NoAllocationModes, AThousandFrames) {
   if (!kCountsAllocations) GTEST_SKIP() << "the sanitizer owns malloc";
   Simulator simulator(busy_scene());
-  const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
+  const Sensor sensor = sensor_of(simulator, kNoAllocationWindow, 100.0);
   const Config config = NoAllocationModes::config();
   const auto plan = std::make_shared<const Plan>(sensor, simulator.format(), config);
   Pipeline pipeline(plan, config.pipeline);
@@ -112,8 +112,8 @@ class NoAllocationLive : public NoAllocationModes {
     auto simulator = std::make_unique<Simulator>(busy_scene());
     const FrameFormat format = simulator->format();
     const Config config = NoAllocationModes::config();
-    const auto plan =
-        std::make_shared<const Plan>(sensor_of(*simulator, kWindow, 100.0), format, config);
+    const auto plan = std::make_shared<const Plan>(
+        sensor_of(*simulator, kNoAllocationWindow, 100.0), format, config);
     Pipeline pipeline(plan, config.pipeline);
     const auto camera =
         make_paced_camera(std::move(simulator), {.rate_hz = 5000.0, .readout_us = readout_us},

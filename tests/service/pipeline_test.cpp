@@ -19,10 +19,10 @@
 namespace curlew {
 namespace {
 
-constexpr int kWindow = 8;
-constexpr std::int64_t kFrames = kSanitized ? 80 : 200;
+constexpr int kPipelineWindow = 8;
+constexpr std::int64_t kPipelineFrames = kSanitized ? 80 : 200;
 
-SimulatorOptions moving_vortices(std::int64_t frames, int window_px = kWindow) {
+SimulatorOptions moving_vortices(std::int64_t frames, int window_px = kPipelineWindow) {
   SimulatorOptions options;
   options.rows = options.cols = 12;
   options.window_px = window_px;
@@ -102,8 +102,8 @@ using Reload = std::function<void(Config&)>;
 
 Collected run(Threading threads, std::size_t slots, DetectMethod method, bool wandering = false,
               const Reload& reload = {}) {
-  Simulator simulator(moving_vortices(kFrames));
-  const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
+  Simulator simulator(moving_vortices(kPipelineFrames));
+  const Sensor sensor = sensor_of(simulator, kPipelineWindow, 100.0);
   Config config;
   config.split.weighted = true;
   config.detect.method = method;
@@ -134,8 +134,8 @@ class PipelineOfMethod : public ::testing::TestWithParam<DetectMethod> {};
 
 TEST_P(PipelineOfMethod, ATeamIsInlineBitForBit) {
   const Collected one = run(Threading::kInline, 1, GetParam());
-  ASSERT_EQ(static_cast<std::int64_t>(one.frames.size()), kFrames);
-  EXPECT_GT(one.report.vortices, kFrames / 2);
+  ASSERT_EQ(static_cast<std::int64_t>(one.frames.size()), kPipelineFrames);
+  EXPECT_GT(one.report.vortices, kPipelineFrames / 2);
   for (const std::size_t slots : {2U, 8U}) {
     const Collected many = run(Threading::kTeam, slots, GetParam());
     ASSERT_EQ(many.frames.size(), one.frames.size());
@@ -168,7 +168,7 @@ TEST(PipelineOfWanderers, WindowsThatFollowAreTheSameInlineAndInATeam) {
 // gives; spots drift by most of a pitch, and are found anew after the dark.
 TEST(PipelineOfLargeFrames, ATeamThatSharesThemIsInlineBitForBit) {
   constexpr int kSide = 2 * kTeamPieces + 2;  // so many rows are cut into pieces
-  SimulatorOptions large = moving_vortices(std::min<std::int64_t>(kFrames, 120), 16);
+  SimulatorOptions large = moving_vortices(std::min<std::int64_t>(kPipelineFrames, 120), 16);
   large.rows = large.cols = kSide;
   Simulator drawing(large);
   Sensor sensor = sensor_of(drawing, large.window_px, 100.0);
@@ -202,7 +202,7 @@ TEST(PipelineOfLargeFrames, ATeamThatSharesThemIsInlineBitForBit) {
 class CountingSource final : public FrameSource {
  public:
   CountingSource(std::int64_t count, std::int64_t fails_at) : count_(count), fails_at_(fails_at) {
-    format_.rows = format_.cols = 4 * kWindow;
+    format_.rows = format_.cols = 4 * kPipelineWindow;
   }
   const FrameFormat& format() const override { return format_; }
   std::int64_t frame_count() const override { return count_; }
@@ -265,7 +265,7 @@ TEST(PipelineReload, ALaterPipelineGivesNoTrackNumberAgain) {
   config.detect.method = DetectMethod::kWhitened;
   config.pipeline.threads = Threading::kInline;
   Simulator simulator(moving_vortices(kFewFrames));
-  const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
+  const Sensor sensor = sensor_of(simulator, kPipelineWindow, 100.0);
   const auto plan = [&] {
     config.track.longest_gap_frames += 1.0;  // Each has a tracker of its own.
     return std::make_shared<const Plan>(sensor, simulator.format(), config);
@@ -294,7 +294,7 @@ TEST(PipelineReload, ALaterPipelineGivesNoTrackNumberAgain) {
 
 TEST(PipelineReload, AnOptionWithoutEffectWhileTrackingIsRefused) {
   Simulator simulator(moving_vortices(1));
-  const Sensor sensor = sensor_of(simulator, kWindow, 100.0);
+  const Sensor sensor = sensor_of(simulator, kPipelineWindow, 100.0);
   Config config;
   config.detect.min_probability = 0.9;
   EXPECT_NO_THROW(Plan(sensor, simulator.format(), config));
@@ -310,7 +310,7 @@ TEST(PipelineOfATeam, WaitingForItsTurnIsPartOfAFramesLatency) {
   config.pipeline.cpus = {0, 0};
   config.pipeline.deadline_us = 2000.0;
   Pipeline pipeline(
-      std::make_shared<const Plan>(tiled_sensor({4, 4, kWindow}), source.format(), config),
+      std::make_shared<const Plan>(tiled_sensor({4, 4, kPipelineWindow}), source.format(), config),
       config.pipeline);
   RecordedFeed feed(source, {});
   Publisher publisher;
@@ -326,9 +326,9 @@ class PipelineModes : public ::testing::TestWithParam<Threading> {
     Config config;
     config.pipeline.threads = GetParam();
     config.pipeline.slots = 3;
-    Pipeline pipeline(
-        std::make_shared<const Plan>(tiled_sensor({4, 4, kWindow}), source.format(), config),
-        config.pipeline);
+    Pipeline pipeline(std::make_shared<const Plan>(tiled_sensor({4, 4, kPipelineWindow}),
+                                                   source.format(), config),
+                      config.pipeline);
     RecordedFeed feed(source, options);
     return pipeline.run(feed, publisher);
   }

@@ -19,7 +19,7 @@
 namespace curlew {
 namespace {
 
-constexpr int kFrames = 8;
+constexpr int kStreamedFrames = 8;
 
 /// A sensor and a plan as they come, and frames of it.
 class RandomScene {
@@ -199,7 +199,7 @@ TEST(StreamedSensors, RandomSensorsGiveTheBitsOfWholeFrames) {
     const Plan plan(scene.sensor, scene.format, config);
     Trial whole(plan), streamed(plan);
     FrameBuffer frame(scene.format);
-    for (int number = 0; number < kFrames; ++number) {
+    for (int number = 0; number < kStreamedFrames; ++number) {
       scene.draw(number, frame);
       whole.run(frame);
       const std::string expected = result_bytes(*whole.slot);
@@ -216,9 +216,9 @@ TEST(StreamedSensors, RandomSensorsGiveTheBitsOfWholeFrames) {
     }
   }
   // Most frames are measured before they are whole, and most lenslets have a spot.
-  EXPECT_GT(streamed_frames, 36 * kFrames / 2);
-  EXPECT_GT(streamed_rows, 4 * 36 * kFrames);
-  EXPECT_GT(valid, 60 * 36 * kFrames);
+  EXPECT_GT(streamed_frames, 36 * kStreamedFrames / 2);
+  EXPECT_GT(streamed_rows, 4 * 36 * kStreamedFrames);
+  EXPECT_GT(valid, 60 * 36 * kStreamedFrames);
 }
 
 }  // namespace

@@ -20,7 +20,7 @@
 namespace curlew {
 namespace {
 
-constexpr std::uint64_t kSeed = 7801;
+constexpr std::uint64_t kDetectionSeed = 7801;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 constexpr int kFramesToCompare = 3;
 constexpr int kMayDiffer = 2;  // vortices
@@ -31,7 +31,7 @@ constexpr int kMayDiffer = 1;
 
 /// Returns the benchmark's turbulence with the simulator's own noise.
 SimulatorOptions turbulence(double photons, int frames) {
-  SimulatorOptions options = simulator_options({.rytov_variance = 2.0}, kSeed);
+  SimulatorOptions options = simulator_options({.rytov_variance = 2.0}, kDetectionSeed);
   options.photons = photons;
   options.read_noise_e = 1.0;
   options.bit_depth = 12;
@@ -78,7 +78,7 @@ Counts count(DetectMethod method, int frames = 6, bool follow = true) {
 // Vortices sit in the dark. Without weak spots hardly any vortex is found.
 TEST(VortexDetection, TheClassifierFindsVorticesInTheDark) {
   const Counts counts = count(DetectMethod::kClassifier);
-  SCOPED_TRACE("seed " + std::to_string(kSeed));
+  SCOPED_TRACE("seed " + std::to_string(kDetectionSeed));
   ASSERT_GE(counts.required, 10);
   EXPECT_GE(counts.hits, counts.required * 6 / 10) << "of " << counts.required;
   EXPECT_LE(counts.false_alarms, counts.hits / 4);
@@ -86,7 +86,7 @@ TEST(VortexDetection, TheClassifierFindsVorticesInTheDark) {
 
 TEST(VortexDetection, TheWhitenedFilterFindsSomeAndHardlyAFalseOne) {
   const Counts counts = count(DetectMethod::kWhitened);
-  SCOPED_TRACE("seed " + std::to_string(kSeed));
+  SCOPED_TRACE("seed " + std::to_string(kDetectionSeed));
   EXPECT_GE(counts.hits, counts.required / 5) << "of " << counts.required;
   EXPECT_LE(counts.false_alarms, counts.hits / 3);
 }
@@ -97,7 +97,7 @@ TEST(VortexDetection, FollowingTheSpotsCostsNoVortices) {
        {DetectMethod::kCirculation, DetectMethod::kWhitened, DetectMethod::kClassifier}) {
     const Counts still = count(method, kFramesToCompare, false);
     const Counts following = count(method, kFramesToCompare, true);
-    SCOPED_TRACE("seed " + std::to_string(kSeed) + ", method " +
+    SCOPED_TRACE("seed " + std::to_string(kDetectionSeed) + ", method " +
                  std::to_string(static_cast<int>(method)));
     EXPECT_GE(following.hits, still.hits - still.hits / 20 - kMayDiffer) << "of " << still.required;
     EXPECT_LE(following.false_alarms, still.false_alarms + 2 + still.hits / 20);
@@ -134,7 +134,7 @@ TEST(VortexDetection, TracksKeepTheirNumbersFromFrameToFrame) {
   options.window_px = 8;
   options.photons = 1000.0;
   options.frames = 60;
-  options.seed = kSeed;
+  options.seed = kDetectionSeed;
   options.scene.vortices = {{3.2, 4.6, 1}, {8.1, 6.7, -1}};
   options.scene.vortex_amplitude = VortexAmplitude::kLinearCore;
   options.scene.core_radius = 1.5;
@@ -171,7 +171,7 @@ TEST(VortexDetection, WithoutVorticesTheWholePhaseIsTheLeastSquaresPhase) {
   options.rows = options.cols = 8;
   options.photons = 5000.0;
   options.frames = 5;
-  options.seed = kSeed;
+  options.seed = kDetectionSeed;
   options.scene.zernikes = {{4, 1.0}};
   Simulator simulator(options);
   Config config;

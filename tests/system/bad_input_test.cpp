@@ -8,11 +8,10 @@
 #include "tests/support/paths.h"
 #include "tests/support/program.h"
 #include "tests/support/raw_fits.h"
+#include "tests/system/bench_optics.h"
 
 namespace curlew {
 namespace {
-
-constexpr const char* kOptics = " --pitch-um 300 --focal-mm 10 --pixel-um 10 --wavelength-nm 633 ";
 
 class BadInput : public ::testing::Test {
  protected:

@@ -17,7 +17,7 @@
 namespace curlew {
 namespace {
 
-constexpr std::int64_t kFrames = 4;
+constexpr std::int64_t kForeignFrames = 4;
 constexpr int kOverscan = 20;  // columns
 
 using Pixels = std::vector<std::uint16_t>;
@@ -47,7 +47,7 @@ class ForeignFiles : public ::testing::Test {
     return program;
   }
 
-  /// Returns the mean slope along x over all frames, of which there must be kFrames.
+  /// Returns the mean slope along x over all frames, of which there must be kForeignFrames.
   static double mean_slope(const std::string& name, const std::string& more = "",
                            const std::string& sensor = "sensor.fits") {
     said_ = run("replay " + name + " --sensor " + sensor + " --force --out r.fits --save slopes " +
@@ -56,7 +56,7 @@ class ForeignFiles : public ::testing::Test {
     FitsFile file = FitsFile::open(*folder_ / "r.fits");
     file.select("SLOPES");
     const ImageInfo info = file.image();
-    EXPECT_EQ(info.shape[0], kFrames);
+    EXPECT_EQ(info.shape[0], kForeignFrames);
     std::vector<double> slopes(static_cast<std::size_t>(info.elements()));
     file.read_pixels(0, std::span(slopes));
     const auto lenslets = static_cast<std::size_t>(info.shape[2] * info.shape[3]);
@@ -108,7 +108,7 @@ double ForeignFiles::expected_ = 0.0;
 
 TEST_F(ForeignFiles, AFrameAnExtension) {
   write("extensions.fits", [](FitsFile& file) {
-    for (std::int64_t n = 0; n < kFrames; ++n)
+    for (std::int64_t n = 0; n < kForeignFrames; ++n)
       add_image(file, ElementType::kU16, std::string("F").append(std::to_string(n)), {rows_, cols_},
                 plane(n));
   });
@@ -119,7 +119,7 @@ TEST_F(ForeignFiles, AFrameAnExtension) {
 TEST_F(ForeignFiles, ADarkBeforeTheFrames) {
   write("dark_first.fits", [](FitsFile& file) {
     add_image(file, ElementType::kU16, "DARK", {rows_, cols_}, Pixels(plane(0).size(), 100));
-    add_image(file, ElementType::kU16, "PIXELS", {kFrames, rows_, cols_}, pixels_);
+    add_image(file, ElementType::kU16, "PIXELS", {kForeignFrames, rows_, cols_}, pixels_);
   });
   EXPECT_DOUBLE_EQ(mean_slope("dark_first.fits"), expected_);
   expect_said("HDU 2, PIXELS, is read");
@@ -134,8 +134,8 @@ TEST_F(ForeignFiles, ADarkBeforeTheFrames) {
 
 TEST_F(ForeignFiles, WhatIsUnclearIsRefused) {
   write("unclear.fits", [](FitsFile& file) {
-    add_image(file, ElementType::kU16, "OPEN", {kFrames, rows_, cols_}, pixels_);
-    add_image(file, ElementType::kU16, "CLOSED", {kFrames, rows_, cols_}, pixels_);
+    add_image(file, ElementType::kU16, "OPEN", {kForeignFrames, rows_, cols_}, pixels_);
+    add_image(file, ElementType::kU16, "CLOSED", {kForeignFrames, rows_, cols_}, pixels_);
   });
   const ProgramRun refused = run_curlew(*folder_, "replay unclear.fits --sensor sensor.fits");
   EXPECT_EQ(refused.exit_code, 1);
@@ -148,12 +148,12 @@ TEST_F(ForeignFiles, OverscanIsLeftOutByDatasecOrByRegion) {
   const auto write_overscan = [](const std::string& name, bool data_section) {
     write(name, [&](FitsFile& file) {
       const std::int64_t wide = cols_ + kOverscan;
-      std::vector<double> pixels(static_cast<std::size_t>(kFrames * rows_ * wide), -5000.0);
+      std::vector<double> pixels(static_cast<std::size_t>(kForeignFrames * rows_ * wide), -5000.0);
       for (std::size_t k = 0; k < pixels_.size(); ++k) {
         const auto cols = static_cast<std::size_t>(cols_);
         pixels[k / cols * static_cast<std::size_t>(wide) + kOverscan + k % cols] = pixels_[k];
       }
-      add_image(file, ElementType::kI32, "", {kFrames, rows_, wide}, pixels);
+      add_image(file, ElementType::kI32, "", {kForeignFrames, rows_, wide}, pixels);
       if (data_section) {
         std::string section = "[21:";
         section += std::to_string(wide) + ",1:" + std::to_string(rows_) + "]";
@@ -186,9 +186,9 @@ TEST_F(ForeignFiles, OverscanIsLeftOutByDatasecOrByRegion) {
 TEST_F(ForeignFiles, AFlaggedPixelDoesNotHideTheOthers) {
   write("flagged.fits", [](FitsFile& file) {
     std::vector<float> pixels(pixels_.begin(), pixels_.end());
-    for (std::int64_t n = 0; n < kFrames; ++n)
+    for (std::int64_t n = 0; n < kForeignFrames; ++n)
       pixels[static_cast<std::size_t>(n * rows_ * cols_)] = -1e30F;
-    add_image(file, ElementType::kF32, "", {kFrames, rows_, cols_}, pixels);
+    add_image(file, ElementType::kF32, "", {kForeignFrames, rows_, cols_}, pixels);
   });
   // Maps, of which there is one now, are in codes that round.
   EXPECT_NEAR(mean_slope("flagged.fits"), expected_, 5e-4);
@@ -200,7 +200,7 @@ TEST_F(ForeignFiles, UnsignedPixelsWithoutTheirKeyAreReadAsUnsigned) {
     std::vector<std::int16_t> pixels;
     for (const std::uint16_t pixel : pixels_)
       pixels.push_back(static_cast<std::int16_t>(pixel - 32768));
-    add_image(file, ElementType::kI16, "", {kFrames, rows_, cols_}, pixels);
+    add_image(file, ElementType::kI16, "", {kForeignFrames, rows_, cols_}, pixels);
   });
   EXPECT_DOUBLE_EQ(mean_slope("lost.fits"), expected_);
   expect_said("BZERO");
@@ -208,7 +208,8 @@ TEST_F(ForeignFiles, UnsignedPixelsWithoutTheirKeyAreReadAsUnsigned) {
 
 TEST_F(ForeignFiles, NothingMeasuredIsAFailureAndTheResultsAreThere) {
   write("night.fits", [](FitsFile& file) {
-    add_image(file, ElementType::kU16, "", {kFrames, rows_, cols_}, Pixels(pixels_.size(), 100));
+    add_image(file, ElementType::kU16, "", {kForeignFrames, rows_, cols_},
+              Pixels(pixels_.size(), 100));
   });
   const ProgramRun dark =
       run_curlew(*folder_, "replay night.fits --sensor sensor.fits --out night_results.fits");

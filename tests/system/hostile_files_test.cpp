@@ -19,13 +19,13 @@
 #include "tests/support/program.h"
 #include "tests/support/raw_fits.h"
 #include "tests/support/sanitized.h"
+#include "tests/system/bench_optics.h"
 
 namespace curlew {
 namespace {
 
 using std::chrono::seconds;
 
-constexpr const char* kOptics = " --pitch-um 300 --focal-mm 10 --pixel-um 10 --wavelength-nm 633 ";
 // Far above the 0.3 GB that the libraries map, and below what a bomb takes. A sanitizer maps all.
 constexpr const char* kLimits = kSanitized ? "timeout 60" : "ulimit -v 1500000; timeout 60";
 

@@ -24,7 +24,7 @@ struct RealFrame {
   const char* optics;
 };
 
-constexpr RealFrame kFrames[] = {
+constexpr RealFrame kRealFrames[] = {
     {"mmirs_camera2_ref", "--pitch-um 600 --focal-mm 40 --pixel-um 26 --wavelength-nm 762"},
     {"f5_hecto_ref", "--pitch-um 600 --focal-mm 40 --pixel-um 20 --wavelength-nm 600"},
     {"auto_wfs_0037_ave", "--pitch-um 600 --focal-mm 40 --pixel-um 20 --wavelength-nm 600"}};
@@ -83,7 +83,7 @@ TEST_P(RealFrames, OnItsOwnCalibrationNoMethodFindsAVortex) {
   std::int64_t vortices = -1;
   slopes_of(path_of(GetParam().name), vortices, "whitened");
   EXPECT_EQ(vortices, 0);
-  if (GetParam().name != kFrames[2].name) {
+  if (GetParam().name != kRealFrames[2].name) {
     slopes_of(path_of(GetParam().name), vortices, "classifier");
     EXPECT_EQ(vortices, 0);
     return;
@@ -137,7 +137,7 @@ TEST_P(RealFrames, AKnownShiftIsMeasuredAndIsNoVortex) {
   write_shifted(frame, 1, 0, noise_adu, seed, scratch_ / "shifted.fits");
   std::int64_t ignored = 0;
   slopes_of(scratch_ / "shifted.fits", ignored);
-  if (GetParam().name != kFrames[2].name) {  // the sky of the star is as uneven as the noise
+  if (GetParam().name != kRealFrames[2].name) {  // the sky of the star is as uneven as the noise
     EXPECT_NE(said_.find("calibrate again with --read-noise-e"), std::string::npos) << said_;
   }
   calibrate(" --e-per-adu 1 --read-noise-e " + std::to_string(noise_adu));
@@ -151,7 +151,7 @@ TEST_P(RealFrames, AKnownShiftIsMeasuredAndIsNoVortex) {
                  std::to_string(seed));
     write_shifted(frame, dx, dy, noise_adu, seed++, scratch_ / "shifted.fits");
     std::int64_t vortices = -1;
-    if (GetParam().name != kFrames[2].name) {
+    if (GetParam().name != kRealFrames[2].name) {
       slopes_of(scratch_ / "shifted.fits", vortices, "classifier");
       EXPECT_EQ(vortices, 0) << "of the classifier";
     }
@@ -177,15 +177,15 @@ TEST_P(RealFrames, AKnownShiftIsMeasuredAndIsNoVortex) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Mmt, RealFrames, ::testing::ValuesIn(kFrames),
+INSTANTIATE_TEST_SUITE_P(Mmt, RealFrames, ::testing::ValuesIn(kRealFrames),
                          [](const auto& frame) { return std::string(frame.param.name); });
 
 // The spots of these skies are wider than the lamps', their pupils smaller, and an exposure of
 // seconds holds no vortex. When the classifier did not know the blur of the frame, it saw 25
 // and 64.
 TEST(RealSkies, HoldNoVortex) {
-  for (const auto& [sky, lamp] :
-       {std::pair{"mmirs_wfs_0150", kFrames[0]}, std::pair{"auto_wfs_0037_ave", kFrames[1]}}) {
+  for (const auto& [sky, lamp] : {std::pair{"mmirs_wfs_0150", kRealFrames[0]},
+                                  std::pair{"auto_wfs_0037_ave", kRealFrames[1]}}) {
     if (!std::filesystem::exists(path_of(sky)))
       GTEST_SKIP() << "the folder of real frames is not beside this checkout";
     const ScratchDirectory scratch;

@@ -20,7 +20,7 @@ using nlohmann::json;
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-constexpr std::int64_t kFrames = 60;
+constexpr std::int64_t kReplayedFrames = 60;
 
 std::vector<json> json_lines(const std::string& path) {
   std::vector<json> lines;
@@ -38,7 +38,7 @@ class StreamReplay : public ::testing::Test {
     run("simulate --preset vortex " + size +
         "--amplitude linear --core-radius 1.5 --vortex 3.4,2.6,+1 --vortex 8.7,8.2,-1 "
         "--photons 1500 --seed 7701 --out beam.fits --frames " +
-        std::to_string(kFrames));
+        std::to_string(kReplayedFrames));
     run("replay beam.fits --sensor sensor.fits --jsonl replay.jsonl");
   }
   void run(const std::string& arguments) {
@@ -56,7 +56,7 @@ TEST_F(StreamReplay, ResultsAreThoseOfTheFile) {
   for (auto frame = std::make_unique<FrameBuffer>(format); source.next(*frame) == Delivery::kFrame;
        frame = std::make_unique<FrameBuffer>(format))
     frames.push_back(std::move(frame));
-  ASSERT_EQ(frames.size(), static_cast<std::size_t>(kFrames));
+  ASSERT_EQ(frames.size(), static_cast<std::size_t>(kReplayedFrames));
 
   StreamWriter stream(scratch_.path(), {"rtc",
                                         StreamType::kU16,
@@ -70,9 +70,9 @@ TEST_F(StreamReplay, ResultsAreThoseOfTheFile) {
                   scratch_ / "sensor.fits", "--jsonl", scratch_ / "live.jsonl", "--frames", "100"},
                  scratch_ / "out", scratch_ / "err");
   ASSERT_TRUE(curlew.says("streaming", seconds(20))) << curlew.err();
-  // The stream's counter begins at 1, and its update n shows image (n − 1) modulo kFrames.
+  // The stream's counter begins at 1, and its update n shows image (n − 1) modulo kReplayedFrames.
   for (std::int64_t update = 1; update < 5000 && curlew.running(); ++update) {
-    const FrameBuffer& frame = *frames[static_cast<std::size_t>((update - 1) % kFrames)];
+    const FrameBuffer& frame = *frames[static_cast<std::size_t>((update - 1) % kReplayedFrames)];
     std::memcpy(stream.begin(), frame.view().pixels, format.bytes());
     stream.end({update, update, frame.header.received_ns, 0}, 0);
     std::this_thread::sleep_for(milliseconds(4));
@@ -85,7 +85,7 @@ TEST_F(StreamReplay, ResultsAreThoseOfTheFile) {
   std::size_t vortices = 0;
   for (const json& line : lines) {
     const auto image =
-        static_cast<std::size_t>((line["sequence"].get<std::int64_t>() - 1) % kFrames);
+        static_cast<std::size_t>((line["sequence"].get<std::int64_t>() - 1) % kReplayedFrames);
     ASSERT_EQ(line["vortices"].dump(), truth[image]["vortices"].dump()) << line["sequence"];
     ASSERT_EQ(line["n_valid"], truth[image]["n_valid"]);
     vortices += line["vortices"].size();

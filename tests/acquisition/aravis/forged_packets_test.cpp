@@ -19,30 +19,31 @@
 namespace curlew {
 namespace {
 
-using Bytes = std::string;
+using Packet = std::string;
 
 constexpr std::uint32_t kLeader = 1;
 constexpr std::uint32_t kTrailer = 2;
 constexpr std::uint32_t kPayload = 3;
 
-Bytes bytes_of(std::initializer_list<std::uint32_t> values) {
-  Bytes bytes;
+Packet bytes_of(std::initializer_list<std::uint32_t> values) {
+  Packet bytes;
   for (const std::uint32_t value : values) bytes += static_cast<char>(value & 0xFFU);
   return bytes;
 }
 
 /// Returns a packet of GigE Vision's stream protocol. data: what follows the header.
-Bytes packet(std::uint32_t content, std::uint32_t frame, std::uint32_t number, const Bytes& data) {
+Packet packet(std::uint32_t content, std::uint32_t frame, std::uint32_t number,
+              const Packet& data) {
   return bytes_of({0, 0, frame >> 8, frame, content, number >> 16, number >> 8, number}) + data;
 }
 
 /// Returns the packets of a whole frame of 64 × 64 pixels of Mono16, all 0xEEEE.
-std::vector<Bytes> forged_frame(std::uint32_t frame) {
-  const Bytes leader = bytes_of({0, 0,  0, 1, 0, 0,  0, 0, 0, 0, 0, 1, 1, 16, 0, 7, 0, 0,
-                                 0, 64, 0, 0, 0, 64, 0, 0, 0, 0, 0, 0, 0, 0,  0, 0, 0, 0});
+std::vector<Packet> forged_frame(std::uint32_t frame) {
+  const Packet leader = bytes_of({0, 0,  0, 1, 0, 0,  0, 0, 0, 0, 0, 1, 1, 16, 0, 7, 0, 0,
+                                  0, 64, 0, 0, 0, 64, 0, 0, 0, 0, 0, 0, 0, 0,  0, 0, 0, 0});
   constexpr std::size_t kBlock = 8192 - 36;
-  return {packet(kLeader, frame, 0, leader), packet(kPayload, frame, 1, Bytes(kBlock, '\xEE')),
-          packet(kPayload, frame, 2, Bytes(64 * 64 * 2 - kBlock, '\xEE')),
+  return {packet(kLeader, frame, 0, leader), packet(kPayload, frame, 1, Packet(kBlock, '\xEE')),
+          packet(kPayload, frame, 2, Packet(64 * 64 * 2 - kBlock, '\xEE')),
           packet(kTrailer, frame, 3, bytes_of({0, 0, 0, 1, 0, 0, 0, 64}))};
 }
 
@@ -64,7 +65,7 @@ class Sender {
   Sender(const Sender&) = delete;
   Sender& operator=(const Sender&) = delete;
 
-  void send(const Bytes& bytes) const {
+  void send(const Packet& bytes) const {
     sendto(fd_, bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&to_), sizeof to_);
   }
 
@@ -87,7 +88,7 @@ class Impostor {
   Impostor& operator=(const Impostor&) = delete;
 
   bool may() const { return fd_ >= 0; }
-  void send(const Bytes& bytes) const {
+  void send(const Packet& bytes) const {
     iphdr ip{};
     udphdr udp{};
     ip.version = 4;
@@ -98,7 +99,7 @@ class Impostor {
     udp.source = htons(static_cast<std::uint16_t>(from_port_));
     udp.dest = htons(static_cast<std::uint16_t>(to_port_));
     udp.len = htons(static_cast<std::uint16_t>(sizeof udp + bytes.size()));
-    Bytes whole(sizeof ip + sizeof udp, '\0');
+    Packet whole(sizeof ip + sizeof udp, '\0');
     std::memcpy(whole.data(), &ip, sizeof ip);
     std::memcpy(whole.data() + sizeof ip, &udp, sizeof udp);
     whole += bytes;
@@ -115,22 +116,22 @@ class Impostor {
 };
 
 /// Returns packets that are too short for what they say they are, and some of no kind.
-std::vector<Bytes> malformed_packets() {
-  std::vector<Bytes> packets{"", bytes_of({0}), bytes_of({0, 0, 0, 1, 3, 0, 0})};
+std::vector<Packet> malformed_packets() {
+  std::vector<Packet> packets{"", bytes_of({0}), bytes_of({0, 0, 0, 1, 3, 0, 0})};
   for (const std::uint32_t content :
        {0U, 1U, 2U, 3U, 4U, 5U, 6U, 7U, 8U, 0x7fU, 0x81U, 0x82U, 0x83U, 0xffU})
     for (std::size_t length = 0; length < (content >= 0x80 ? 13U : 1U); ++length)
-      packets.push_back(packet(content, 7, 1, Bytes(length, '\xEE')));
+      packets.push_back(packet(content, 7, 1, Packet(length, '\xEE')));
   for (std::size_t length = 0; length < 36; ++length)
-    packets.push_back(packet(kLeader, 7, 0, Bytes(length, '\1')));
+    packets.push_back(packet(kLeader, 7, 0, Packet(length, '\1')));
   for (std::size_t length = 0; length < 4; ++length)
-    packets.push_back(packet(kTrailer, 7, 3, Bytes(length, '\1')));
+    packets.push_back(packet(kTrailer, 7, 3, Packet(length, '\1')));
   return packets;
 }
 
 /// Returns a camera's answer to the request of this number: the register that was read holds
 /// 0xDEADBEEF.
-Bytes forged_answer(std::uint32_t request) {
+Packet forged_answer(std::uint32_t request) {
   constexpr std::uint32_t kReadRegisterAnswer = 0x81;
   return bytes_of({0, 0, 0, kReadRegisterAnswer, 0, 4, request >> 8, request}) + "\xDE\xAD\xBE\xEF";
 }
@@ -251,15 +252,15 @@ TEST_F(ForgedPackets, OthersMakeNoFrameAndDoNoHarm) {
   for (const char* address : addresses) {
     const Sender stranger(address, server_->stream_port());
     for (int round = 0; round < 20; ++round) {
-      for (const Bytes& bytes : malformed_packets()) stranger.send(bytes), ++sent;
+      for (const Packet& bytes : malformed_packets()) stranger.send(bytes), ++sent;
       for (int i = 0; i < 5; ++i) {
         const auto next = static_cast<std::uint32_t>(taker_->last + 1 + i);
-        for (const Bytes& bytes : forged_frame(next)) stranger.send(bytes), ++sent;
+        for (const Packet& bytes : forged_frame(next)) stranger.send(bytes), ++sent;
       }
       ASSERT_TRUE(taker_->take(1)) << camera_->failure();
     }
     for (std::int64_t i = 0; i < random_packets; ++i) {
-      Bytes bytes(random() % 100, '\0');
+      Packet bytes(random() % 100, '\0');
       for (char& byte : bytes) byte = static_cast<char>(random());
       stranger.send(bytes), ++sent;
       if (i % 1000 != 0) continue;
@@ -275,13 +276,13 @@ TEST_F(ForgedPackets, TheCamerasOwnThatAreTooShortDoNoHarm) {
   if (!impostor.may()) GTEST_SKIP() << "this user may not send packets as another";
   std::int64_t sent = 0;
   for (int round = 0; round < 50; ++round) {
-    for (const Bytes& bytes : malformed_packets()) impostor.send(bytes), ++sent;
+    for (const Packet& bytes : malformed_packets()) impostor.send(bytes), ++sent;
     ASSERT_TRUE(taker_->take(1)) << camera_->failure();
   }
   // It must have come as far as the filter: a whole packet of the camera's address goes through.
   const std::int64_t refused = camera_->counts().refused_packets;
   EXPECT_EQ(refused, sent);
-  impostor.send(packet(kPayload, 7, 1, Bytes(16, '\xEE')));
+  impostor.send(packet(kPayload, 7, 1, Packet(16, '\xEE')));
   EXPECT_EQ(camera_->counts().refused_packets, refused);
 }
 

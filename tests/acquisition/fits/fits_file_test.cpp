@@ -15,19 +15,16 @@
 #include <utility>
 #include <vector>
 
+#include "tests/support/constants.h"
 #include "tests/support/failure_text.h"
 #include "tests/support/raw_fits.h"
 #include "tests/support/scratch_directory.h"
+#include "tests/support/text.h"
 
 namespace curlew {
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
 
 // Expects one sentence that names the file, contains `part` and has no line break.
 void expect_sentence(const std::string& text, const std::string& path, const std::string& part) {

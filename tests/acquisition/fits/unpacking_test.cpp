@@ -33,13 +33,13 @@
 namespace curlew {
 namespace {
 
-constexpr std::int64_t kFrames = 3;
+constexpr std::int64_t kPackedFrames = 3;
 constexpr std::int64_t kSide = 24;
-constexpr std::int64_t kPixels = kFrames * kSide * kSide;
+constexpr std::int64_t kPackedPixels = kPackedFrames * kSide * kSide;
 
 std::vector<std::uint16_t> noise() {
   std::mt19937 random(1);
-  std::vector<std::uint16_t> pixels(kPixels);
+  std::vector<std::uint16_t> pixels(kPackedPixels);
   for (auto& pixel : pixels) pixel = static_cast<std::uint16_t>(1000 + random() % 64);
   return pixels;
 }
@@ -47,7 +47,7 @@ std::vector<std::uint16_t> noise() {
 /// Writes a tile-compressed image and returns its bytes.
 std::string compressed_image(const std::string& path) {
   FitsFile out = FitsFile::create(path);
-  out.create_compressed_image(ElementType::kU16, {kFrames, kSide, kSide});
+  out.create_compressed_image(ElementType::kU16, {kPackedFrames, kSide, kSide});
   out.write_pixels<std::uint16_t>(0, noise());
   out.commit();
   return read_bytes(path);
@@ -103,7 +103,7 @@ TEST(Unpacking, AnyPartCanBeRead) {
   FitsFile file = FitsFile::open(path);
   file.select(1);
   const std::vector<std::uint16_t> all = noise();
-  for (const std::int64_t first : {0L, 5L, 600L, kPixels - 7}) {
+  for (const std::int64_t first : {0L, 5L, 600L, kPackedPixels - 7}) {
     std::vector<std::uint16_t> part(7);
     file.read_pixels(first, std::span(part));
     EXPECT_TRUE(std::equal(part.begin(), part.end(), all.begin() + first)) << first;
@@ -123,7 +123,7 @@ TEST(Unpacking, AnotherProcessTakesThePlaceOfOneThatFailed) {
   const std::vector<std::uint16_t> all = noise();
   std::vector<std::uint16_t> part(7);
   for (int time = 0; time < 2; ++time) {
-    EXPECT_NE(failure_text([&] { file.read_pixels(kPixels - 7, std::span(part)); }), "");
+    EXPECT_NE(failure_text([&] { file.read_pixels(kPackedPixels - 7, std::span(part)); }), "");
     file.read_pixels(0, std::span(part));
     EXPECT_TRUE(std::equal(part.begin(), part.end(), all.begin()));
   }
@@ -163,12 +163,12 @@ TEST(Unpacking, TheProcessMayDoLittleAndTakeLittleMemory) {
 /// A compressed image of one tile, which takes a tenth of a second to unpack.
 class LargeTile : public ::testing::Test {
  protected:
-  static constexpr std::int64_t kPixels = 1 << 24;
+  static constexpr std::int64_t kPackedPixels = 1 << 24;
 
   void SetUp() override {
     FitsFile out = FitsFile::create(path_);
-    out.create_compressed_image(ElementType::kU16, {1, 1, kPixels});
-    std::vector<std::uint16_t> pixels(kPixels);
+    out.create_compressed_image(ElementType::kU16, {1, 1, kPackedPixels});
+    std::vector<std::uint16_t> pixels(kPackedPixels);
     std::mt19937 random(3);
     for (auto& pixel : pixels) pixel = static_cast<std::uint16_t>(random() % 64);
     out.write_pixels<std::uint16_t>(0, pixels);
@@ -181,7 +181,7 @@ class LargeTile : public ::testing::Test {
             .datatype = kTushort,
             .bytes = 2,
             .elements = 1,
-            .in_image = kPixels,
+            .in_image = kPackedPixels,
             .longest_ms = longest_ms};
   }
 
@@ -243,7 +243,7 @@ TEST(Unpacking, DamagedTilesAreOneSentence) {
   const ScratchDirectory scratch;
   const std::string path = scratch / "damaged.fits";
   const std::string whole = compressed_image(path);
-  const std::size_t heap = whole.rfind("END     ") / 2880 * 2880 + 2880 + 8 * kFrames;
+  const std::size_t heap = whole.rfind("END     ") / 2880 * 2880 + 2880 + 8 * kPackedFrames;
   std::mt19937 random(2);
   int failed = 0;
   for (const std::string method :

@@ -18,9 +18,9 @@
 namespace curlew {
 namespace {
 
-constexpr int kRows = 5;
-constexpr int kCols = 21;  // more than one tile of 16
-constexpr std::size_t kPixels = std::size_t{kRows} * kCols;
+constexpr int kPictureRows = 5;
+constexpr int kPictureCols = 21;  // more than one tile of 16
+constexpr std::size_t kPicturePixels = std::size_t{kPictureRows} * kPictureCols;
 
 /// Returns values of which no two neighbours are alike and that use both bytes.
 template <typename T>
@@ -33,15 +33,17 @@ std::vector<T> numbered(std::size_t n, double step) {
 template <typename T>
 void expect_frames(const std::string& path, ElementType element, const std::vector<T>& values) {
   PictureStack stack(path);
-  EXPECT_EQ(stack.format().rows, kRows);
-  EXPECT_EQ(stack.format().cols, kCols);
+  EXPECT_EQ(stack.format().rows, kPictureRows);
+  EXPECT_EQ(stack.format().cols, kPictureCols);
   EXPECT_EQ(stack.format().element, element);
-  ASSERT_EQ(static_cast<std::size_t>(stack.format().frames) * kPixels, values.size()) << path;
-  std::vector<double> frame(kPixels);
+  ASSERT_EQ(static_cast<std::size_t>(stack.format().frames) * kPicturePixels, values.size())
+      << path;
+  std::vector<double> frame(kPicturePixels);
   for (std::int64_t n = stack.format().frames - 1; n >= 0; --n) {  // in any order
-    stack.read(n, {0, 0, kCols, kRows}, std::span(frame));
-    for (std::size_t i = 0; i < kPixels; ++i)
-      ASSERT_EQ(frame[i], static_cast<double>(values[static_cast<std::size_t>(n) * kPixels + i]))
+    stack.read(n, {0, 0, kPictureCols, kPictureRows}, std::span(frame));
+    for (std::size_t i = 0; i < kPicturePixels; ++i)
+      ASSERT_EQ(frame[i],
+                static_cast<double>(values[static_cast<std::size_t>(n) * kPicturePixels + i]))
           << path << " frame " << n << " pixel " << i;
   }
 }
@@ -57,17 +59,18 @@ class Pictures : public ::testing::Test {
 
 TEST_F(Pictures, NpyOfAllTypes) {
   const std::string stack = "(3, 5, 21)";
-  const auto u16 = numbered<std::uint16_t>(3 * kPixels, 207.0);
+  const auto u16 = numbered<std::uint16_t>(3 * kPicturePixels, 207.0);
   write_npy(folder_ / "a.npy", "'<u2'", stack, u16);
   expect_frames(folder_ / "a.npy", ElementType::kU16, u16);
-  write_npy(folder_ / "b.npy", "'|u1'", "(5, 21)", numbered<std::uint8_t>(kPixels, 2.0));
-  expect_frames(folder_ / "b.npy", ElementType::kU8, numbered<std::uint8_t>(kPixels, 2.0));
-  write_npy(folder_ / "c.npy", "'<f4'", stack, numbered<float>(3 * kPixels, -0.25));
-  expect_frames(folder_ / "c.npy", ElementType::kF32, numbered<float>(3 * kPixels, -0.25));
-  write_npy(folder_ / "d.npy", "'<f8'", stack, numbered<double>(3 * kPixels, 1e-3));
-  expect_frames(folder_ / "d.npy", ElementType::kF64, numbered<double>(3 * kPixels, 1e-3));
-  write_npy(folder_ / "e.npy", "'<i4'", stack, numbered<std::int32_t>(3 * kPixels, -7e5));
-  expect_frames(folder_ / "e.npy", ElementType::kI32, numbered<std::int32_t>(3 * kPixels, -7e5));
+  write_npy(folder_ / "b.npy", "'|u1'", "(5, 21)", numbered<std::uint8_t>(kPicturePixels, 2.0));
+  expect_frames(folder_ / "b.npy", ElementType::kU8, numbered<std::uint8_t>(kPicturePixels, 2.0));
+  write_npy(folder_ / "c.npy", "'<f4'", stack, numbered<float>(3 * kPicturePixels, -0.25));
+  expect_frames(folder_ / "c.npy", ElementType::kF32, numbered<float>(3 * kPicturePixels, -0.25));
+  write_npy(folder_ / "d.npy", "'<f8'", stack, numbered<double>(3 * kPicturePixels, 1e-3));
+  expect_frames(folder_ / "d.npy", ElementType::kF64, numbered<double>(3 * kPicturePixels, 1e-3));
+  write_npy(folder_ / "e.npy", "'<i4'", stack, numbered<std::int32_t>(3 * kPicturePixels, -7e5));
+  expect_frames(folder_ / "e.npy", ElementType::kI32,
+                numbered<std::int32_t>(3 * kPicturePixels, -7e5));
   auto swapped = u16;
   for (auto& v : swapped) v = static_cast<std::uint16_t>(v << 8U | v >> 8U);
   write_npy(folder_ / "f.npy", "'>u2'", stack, swapped);
@@ -75,7 +78,7 @@ TEST_F(Pictures, NpyOfAllTypes) {
 }
 
 TEST_F(Pictures, NpyThatIsNoFrameIsRefused) {
-  const auto u16 = numbered<std::uint16_t>(kPixels, 1.0);
+  const auto u16 = numbered<std::uint16_t>(kPicturePixels, 1.0);
   const auto refused = [&](const std::string& descr, const std::string& shape,
                            const std::string& fortran = "False") {
     write_npy(folder_ / "x.npy", descr, shape, u16, fortran);
@@ -96,56 +99,59 @@ TEST_F(Pictures, NpyThatIsNoFrameIsRefused) {
 }
 
 TEST_F(Pictures, PngOf8And16Bits) {
-  const auto u8 = numbered<std::uint8_t>(kPixels, 2.0);
-  write_png_8(folder_ / "a.png", kRows, kCols, u8);
+  const auto u8 = numbered<std::uint8_t>(kPicturePixels, 2.0);
+  write_png_8(folder_ / "a.png", kPictureRows, kPictureCols, u8);
   expect_frames(folder_ / "a.png", ElementType::kU8, u8);
-  const auto u16 = numbered<std::uint16_t>(kPixels, 607.0);
-  write_png_16(folder_ / "b.png", kRows, kCols, u16);
+  const auto u16 = numbered<std::uint16_t>(kPicturePixels, 607.0);
+  write_png_16(folder_ / "b.png", kPictureRows, kPictureCols, u16);
   expect_frames(folder_ / "b.png", ElementType::kU16, u16);
 }
 
 TEST_F(Pictures, TiffInItsManyForms) {
-  const auto u16 = numbered<std::uint16_t>(3 * kPixels, 207.0);
+  const auto u16 = numbered<std::uint16_t>(3 * kPicturePixels, 207.0);
   for (const std::string mode : {"w", "wb", "w8"}) {
     for (const int compression : {COMPRESSION_NONE, COMPRESSION_LZW, COMPRESSION_ADOBE_DEFLATE}) {
       for (const bool tiled : {false, true}) {
         write_tiff(
-            folder_ / "a.tif", kRows, kCols, u16,
+            folder_ / "a.tif", kPictureRows, kPictureCols, u16,
             {.mode = mode, .compression = static_cast<std::uint16_t>(compression), .tiled = tiled});
         expect_frames(folder_ / "a.tif", ElementType::kU16, u16);
       }
     }
   }
-  const auto u8 = numbered<std::uint8_t>(2 * kPixels, 1.0);
-  write_tiff(folder_ / "b.tif", kRows, kCols, u8, {.bits = 8, .rows_of_strip = 100});
+  const auto u8 = numbered<std::uint8_t>(2 * kPicturePixels, 1.0);
+  write_tiff(folder_ / "b.tif", kPictureRows, kPictureCols, u8, {.bits = 8, .rows_of_strip = 100});
   expect_frames(folder_ / "b.tif", ElementType::kU8, u8);
-  const auto f32 = numbered<float>(kPixels, 0.125);
-  write_tiff(folder_ / "c.tif", kRows, kCols, f32, {.bits = 32, .kind = SAMPLEFORMAT_IEEEFP});
+  const auto f32 = numbered<float>(kPicturePixels, 0.125);
+  write_tiff(folder_ / "c.tif", kPictureRows, kPictureCols, f32,
+             {.bits = 32, .kind = SAMPLEFORMAT_IEEEFP});
   expect_frames(folder_ / "c.tif", ElementType::kF32, f32);
 }
 
 TEST_F(Pictures, ColoursPalettesAndOddTypesAreRefusedWithTheRemedy) {
-  const std::vector<std::uint8_t> rgb(3 * kPixels, 7);
-  write_png_8(folder_ / "rgb.png", kRows, kCols, rgb, PNG_FORMAT_RGB);
+  const std::vector<std::uint8_t> rgb(3 * kPicturePixels, 7);
+  write_png_8(folder_ / "rgb.png", kPictureRows, kPictureCols, rgb, PNG_FORMAT_RGB);
   EXPECT_NE(refusal(folder_ / "rgb.png").find("has colours, and frames are grey: save it"),
             std::string::npos);
-  write_png_8(folder_ / "ga.png", kRows, kCols, rgb, PNG_FORMAT_GA);
+  write_png_8(folder_ / "ga.png", kPictureRows, kPictureCols, rgb, PNG_FORMAT_GA);
   EXPECT_NE(refusal(folder_ / "ga.png").find("transparency"), std::string::npos);
-  write_png_grey(folder_ / "4.png", kRows, kCols, 4, {kRows, std::vector<std::uint8_t>(11, 5)});
+  write_png_grey(folder_ / "4.png", kPictureRows, kPictureCols, 4,
+                 {kPictureRows, std::vector<std::uint8_t>(11, 5)});
   EXPECT_NE(refusal(folder_ / "4.png").find("4 bits"), std::string::npos);
-  const std::vector<std::uint8_t> grey(kPixels, 7);
-  write_tiff(folder_ / "rgb.tif", kRows, kCols, rgb,
+  const std::vector<std::uint8_t> grey(kPicturePixels, 7);
+  write_tiff(folder_ / "rgb.tif", kPictureRows, kPictureCols, rgb,
              {.bits = 8, .samples = 3, .photometric = PHOTOMETRIC_RGB});
   EXPECT_NE(refusal(folder_ / "rgb.tif").find("colours"), std::string::npos);
-  write_tiff(folder_ / "palette.tif", kRows, kCols, grey,
+  write_tiff(folder_ / "palette.tif", kPictureRows, kPictureCols, grey,
              {.bits = 8, .photometric = PHOTOMETRIC_PALETTE});
   EXPECT_NE(refusal(folder_ / "palette.tif").find("palette"), std::string::npos);
-  write_tiff(folder_ / "white.tif", kRows, kCols, grey,
+  write_tiff(folder_ / "white.tif", kPictureRows, kPictureCols, grey,
              {.bits = 8, .photometric = PHOTOMETRIC_MINISWHITE});
   EXPECT_NE(refusal(folder_ / "white.tif").find("negative"), std::string::npos);
-  write_tiff(folder_ / "12.tif", kRows, kCols, numbered<std::uint16_t>(kPixels, 1.0), {.bits = 12});
+  write_tiff(folder_ / "12.tif", kPictureRows, kPictureCols,
+             numbered<std::uint16_t>(kPicturePixels, 1.0), {.bits = 12});
   EXPECT_NE(refusal(folder_ / "12.tif").find("12 bits"), std::string::npos);
-  write_tiff(folder_ / "ij.tif", kRows, kCols, grey,
+  write_tiff(folder_ / "ij.tif", kPictureRows, kPictureCols, grey,
              {.bits = 8, .description = "ImageJ=1.54\nimages=5000\n"});
   EXPECT_NE(refusal(folder_ / "ij.tif").find("ImageJ"), std::string::npos);
   write_bytes(folder_ / "a.jpg", "\xff\xd8\xff\xe0 and so on");
@@ -160,8 +166,8 @@ TEST_F(Pictures, ASequenceIsInTheOrderOfItsNumbers) {
   EXPECT_TRUE(comes_before("a01", "a1"));
   EXPECT_FALSE(comes_before("a1", "a1"));
   for (const int n : {10, 2, 1})
-    write_png_8(folder_ / ("f_" + std::to_string(n) + ".png"), kRows, kCols,
-                std::vector<std::uint8_t>(kPixels, static_cast<std::uint8_t>(n)));
+    write_png_8(folder_ / ("f_" + std::to_string(n) + ".png"), kPictureRows, kPictureCols,
+                std::vector<std::uint8_t>(kPicturePixels, static_cast<std::uint8_t>(n)));
   write_bytes(folder_ / "notes.txt", "no picture");
   for (const std::string& path : {folder_.path(), folder_ / "f_*.png"}) {
     ASSERT_TRUE(means_pictures(path));
@@ -188,26 +194,27 @@ TEST_F(Pictures, ASequenceIsInTheOrderOfItsNumbers) {
 }
 
 TEST_F(Pictures, PartsAndMeansAreThoseOfTheFrames) {
-  const auto u16 = numbered<std::uint16_t>(2 * kPixels, 300.0);
-  write_tiff(folder_ / "a.tif", kRows, kCols, u16, {});
+  const auto u16 = numbered<std::uint16_t>(2 * kPicturePixels, 300.0);
+  write_tiff(folder_ / "a.tif", kPictureRows, kPictureCols, u16, {});
   FitsSource source({folder_ / "a.tif"}, {.region = PixelRegion{2, 1, 3, 2}});
   FrameBuffer frame(source.format());
   ASSERT_EQ(source.next(frame), Delivery::kFrame);
   const auto* pixels = frame.view().data<std::uint16_t>();
   for (int r = 0; r < 2; ++r)
     for (int c = 0; c < 3; ++c)
-      EXPECT_EQ(pixels[r * 3 + c], u16[static_cast<std::size_t>((r + 1) * kCols + c + 2)]);
+      EXPECT_EQ(pixels[r * 3 + c], u16[static_cast<std::size_t>((r + 1) * kPictureCols + c + 2)]);
   const MeanImage mean = read_mean_image(folder_ / "a.tif");
   EXPECT_EQ(mean.frames, 2);
-  EXPECT_DOUBLE_EQ(mean.mean[4], 0.5 * (u16[4] + u16[kPixels + 4]));
+  EXPECT_DOUBLE_EQ(mean.mean[4], 0.5 * (u16[4] + u16[kPicturePixels + 4]));
   EXPECT_THROW(FitsSource({folder_ / "a.tif"}, {.hdu = "2"}), UsageError);
 }
 
 TEST_F(Pictures, DamagedFilesAreRefusedAndDoNoHarm) {
-  const auto u16 = numbered<std::uint16_t>(2 * kPixels, 207.0);
-  write_tiff(folder_ / "a.tif", kRows, kCols, u16, {.compression = COMPRESSION_LZW});
-  write_tiff(folder_ / "b.tif", kRows, kCols, u16, {.tiled = true});
-  write_png_16(folder_ / "a.png", kRows, kCols, {u16.begin(), u16.begin() + kPixels});
+  const auto u16 = numbered<std::uint16_t>(2 * kPicturePixels, 207.0);
+  write_tiff(folder_ / "a.tif", kPictureRows, kPictureCols, u16, {.compression = COMPRESSION_LZW});
+  write_tiff(folder_ / "b.tif", kPictureRows, kPictureCols, u16, {.tiled = true});
+  write_png_16(folder_ / "a.png", kPictureRows, kPictureCols,
+               {u16.begin(), u16.begin() + kPicturePixels});
   write_npy(folder_ / "a.npy", "'<u2'", "(2, 5, 21)", u16);
   std::mt19937 random(1);
   int refused = 0;

@@ -17,20 +17,17 @@
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/recording/mean_image.h"
 #include "tests/support/astropy_peer.h"
+#include "tests/support/constants.h"
 #include "tests/support/failure_text.h"
 #include "tests/support/paths.h"
 #include "tests/support/raw_fits.h"
 #include "tests/support/scratch_directory.h"
+#include "tests/support/text.h"
 
 namespace curlew {
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
 
 template <typename T>
 void write_cube(const std::string& path, ElementType element,

@@ -13,13 +13,10 @@
 #include "core/error.h"
 #include "tests/support/failure_text.h"
 #include "tests/support/scratch_directory.h"
+#include "tests/support/text.h"
 
 namespace curlew {
 namespace {
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
 
 /// Describes an image to be written. All its pixels are `value`.
 struct TestImage {

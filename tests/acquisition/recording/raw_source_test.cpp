@@ -13,14 +13,14 @@
 namespace curlew {
 namespace {
 
-constexpr int kRows = 4;
-constexpr int kCols = 5;
+constexpr int kRawRows = 4;
+constexpr int kRawCols = 5;
 
 /// Returns the pixels of numbered frames, in this byte order.
 std::string pixels(std::int64_t first, std::int64_t frames, RawPixel type) {
   std::string bytes;
   for (std::int64_t frame = first; frame < first + frames; ++frame)
-    for (std::size_t k = 0; k < kRows * kCols; ++k) {
+    for (std::size_t k = 0; k < kRawRows * kRawCols; ++k) {
       const std::uint16_t value = numbered_pixel(frame, k);
       const auto low = static_cast<char>(value & 0xFFU);
       const auto high = static_cast<char>(value >> 8U);
@@ -36,7 +36,7 @@ TEST(RawSources, EveryTypeIsReadAsItIs) {
     const ScratchDirectory scratch;
     write_bytes(scratch / "a.raw", std::string(13, 'h') + pixels(0, 3, type));
     write_bytes(scratch / "b.raw", std::string(13, 'h') + pixels(3, 2, type));
-    RawSource source({scratch / "a.raw", scratch / "b.raw"}, {kRows, kCols, type, 13});
+    RawSource source({scratch / "a.raw", scratch / "b.raw"}, {kRawRows, kRawCols, type, 13});
     EXPECT_EQ(source.frame_count(), 5);
     FrameBuffer frame(source.format());
     for (std::int64_t i = 0; i < 5; ++i) {
@@ -53,7 +53,7 @@ TEST(RawSources, AFileThatIsCutWhileItIsReadIsRefused) {
   const ScratchDirectory scratch;
   const std::string path = scratch / "a.raw";
   write_bytes(path, pixels(0, 3, RawPixel::kU8));
-  RawSource source({path}, {kRows, kCols, RawPixel::kU8, 0});
+  RawSource source({path}, {kRawRows, kRawCols, RawPixel::kU8, 0});
   FrameBuffer frame(source.format());
   std::filesystem::resize_file(path, 30);
   EXPECT_EQ(source.next(frame), Delivery::kFrame);
@@ -65,7 +65,7 @@ TEST(RawSources, ALengthThatIsNotOfWholeFramesIsRefused) {
   write_bytes(scratch / "a.raw", std::string(41, ' '));
   const auto refusal = [&](const std::string& name, std::int64_t header) {
     return failure_text([&] {
-      RawSource source({scratch / name}, {kRows, kCols, RawPixel::kU16LittleEndian, header});
+      RawSource source({scratch / name}, {kRawRows, kRawCols, RawPixel::kU16LittleEndian, header});
     });
   };
   EXPECT_NE(

@@ -14,18 +14,15 @@
 
 #include "acquisition/recording/fits_source.h"
 #include "tests/support/astropy_peer.h"
+#include "tests/support/constants.h"
 #include "tests/support/failure_text.h"
 #include "tests/support/scratch_directory.h"
+#include "tests/support/text.h"
 
 namespace curlew {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr unsigned kSeed = 20261123;
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
+constexpr unsigned kRecordingSeed = 20261123;
 
 FrameFormat format_of(PixelType type) {
   FrameFormat format;
@@ -50,7 +47,7 @@ const std::vector<TruthVortex> kTruth{{0, 1.25, 2.5, 1, 3.5}, {2, 0.1, 7.75, -1,
 
 // Makes the n-th of a reproducible series of frames.
 void fill(FrameBuffer& frame, int n) {
-  std::mt19937 random(kSeed + static_cast<unsigned>(n));
+  std::mt19937 random(kRecordingSeed + static_cast<unsigned>(n));
   for (std::size_t i = 0; i < frame.format().bytes(); ++i) {
     frame.data()[i] = static_cast<std::byte>(random() & 0xFFU);
   }
@@ -72,7 +69,7 @@ void write_recording(const std::string& path, PixelType type, int frames) {
 }
 
 TEST(Recording, ReplaysAsItWasRecorded) {
-  SCOPED_TRACE(kSeed);
+  SCOPED_TRACE(kRecordingSeed);
   for (const PixelType type : {PixelType::kU8, PixelType::kU16}) {
     const ScratchDirectory scratch;
     const std::string path = scratch / "rec.fits";

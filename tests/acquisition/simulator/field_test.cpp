@@ -12,13 +12,13 @@
 #include "acquisition/fits/fits_file.h"
 #include "acquisition/simulator/field_file.h"
 #include "core/error.h"
+#include "tests/support/constants.h"
 #include "tests/support/scratch_directory.h"
 
 namespace curlew {
 namespace {
 
 using Complex = std::complex<double>;
-constexpr double kPi = std::numbers::pi;
 
 Image<Complex> sample(const Scene& scene, int rows, int cols, int samples, int row, int col,
                       std::int64_t frame = 0) {

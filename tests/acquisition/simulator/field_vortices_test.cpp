@@ -8,13 +8,12 @@
 #include <vector>
 
 #include "acquisition/simulator/random_stream.h"
+#include "tests/support/constants.h"
 
 namespace curlew {
 namespace {
 
 using Complex = std::complex<double>;
-
-constexpr double kPi = std::numbers::pi;
 
 // Samples a function of lenslet units over rows × cols lenslets and a margin round them.
 template <typename Function>

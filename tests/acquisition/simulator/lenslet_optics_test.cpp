@@ -11,12 +11,12 @@
 #include "acquisition/simulator/random_stream.h"
 #include "core/error.h"
 #include "tests/support/analytic_slopes.h"
+#include "tests/support/constants.h"
 
 namespace curlew {
 namespace {
 
 using Complex = std::complex<double>;
-constexpr double kPi = std::numbers::pi;
 
 Image<Complex> plane_wave(int samples, double slope_x, double slope_y) {
   Image<Complex> field(samples, samples);

@@ -7,11 +7,12 @@
 #include <numbers>
 #include <vector>
 
+#include "tests/support/constants.h"
+
 namespace curlew {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-constexpr std::uint64_t kSeed = 5;
+constexpr std::uint64_t kScreenSeed = 5;
 
 using Screens = Image<std::complex<float>>;
 
@@ -50,7 +51,7 @@ TEST(PhaseScreens, TheoryIsFriedsWhereTheOuterScaleIsFar) {
 TEST(PhaseScreens, FrequenciesAddUpToTheStructureFunction) {
   const int n = 256;
   const double spacing = 0.008;
-  PhaseScreens inside(n, spacing, {0.7, 1.0, 0.0}, false, kSeed);
+  PhaseScreens inside(n, spacing, {0.7, 1.0, 0.0}, false, kScreenSeed);
   for (const int points : {4, 8, 16, 32, 64, 128}) {
     const double r = points * spacing;
     EXPECT_NEAR(inside.expected_structure(r, 0.0) / von_karman_structure(r, 0.7, 1.0), 1.0, 0.015);
@@ -58,7 +59,7 @@ TEST(PhaseScreens, FrequenciesAddUpToTheStructureFunction) {
   // Outer scales far beyond the grid test the subharmonics. Beyond an eighth of the width their
   // coarse steps show: they make 2.5 % at a quarter.
   for (const double outer_scale : {10.0, 400.0}) {
-    PhaseScreens beyond(n, spacing, {0.7, outer_scale, 0.0}, true, kSeed);
+    PhaseScreens beyond(n, spacing, {0.7, outer_scale, 0.0}, true, kScreenSeed);
     for (const int points : {4, 8, 16, 32}) {
       const double r = points * spacing;
       const double theory = von_karman_structure(r, 0.7, outer_scale);
@@ -72,9 +73,9 @@ TEST(PhaseScreens, FrequenciesAddUpToTheStructureFunction) {
 // scatter.
 void expect_structure(int n, double outer_scale, bool subharmonics, int lag, int realisations) {
   SCOPED_TRACE(::testing::Message()
-               << "seed " << kSeed << ", outer scale " << outer_scale << ", lag " << lag);
+               << "seed " << kScreenSeed << ", outer scale " << outer_scale << ", lag " << lag);
   const double spacing = 0.008;
-  PhaseScreens screens(n, spacing, {0.7, outer_scale, 0.0}, subharmonics, kSeed);
+  PhaseScreens screens(n, spacing, {0.7, outer_scale, 0.0}, subharmonics, kScreenSeed);
   const double theory = von_karman_structure(lag * spacing, 0.7, outer_scale);
   double sum = 0.0;
   double squares = 0.0;
@@ -110,7 +111,7 @@ TEST(PhaseScreens, StructureFunctionIsVonKarmans) {
 
 TEST(PhaseScreens, BothScreensHaveTheirVariance) {
   const int n = 128;
-  PhaseScreens screens(n, 0.01, {0.5, 0.3, 0.0}, false, kSeed);
+  PhaseScreens screens(n, 0.01, {0.5, 0.3, 0.0}, false, kScreenSeed);
   double variance[2] = {0.0, 0.0};
   double product = 0.0;
   constexpr int kRealisations = 60;
@@ -126,17 +127,17 @@ TEST(PhaseScreens, BothScreensHaveTheirVariance) {
   const double expected = screens.expected_variance();
   // A screen has an area of some 18 outer scales squared, 1000 in all, so a standard error is 4.5
   // %.
-  EXPECT_NEAR(variance[0] / points / expected, 1.0, 0.15) << "seed " << kSeed;
-  EXPECT_NEAR(variance[1] / points / expected, 1.0, 0.15) << "seed " << kSeed;
-  EXPECT_NEAR(product / points / expected, 0.0, 0.15) << "seed " << kSeed;
+  EXPECT_NEAR(variance[0] / points / expected, 1.0, 0.15) << "seed " << kScreenSeed;
+  EXPECT_NEAR(variance[1] / points / expected, 1.0, 0.15) << "seed " << kScreenSeed;
+  EXPECT_NEAR(product / points / expected, 0.0, 0.15) << "seed " << kScreenSeed;
 }
 
 TEST(PhaseScreens, DependOnSeedRealisationAndPairAlone) {
   const int n = 32;
   const VonKarman spectrum{0.2, 10.0, 0.0};
-  PhaseScreens screens(n, 0.01, spectrum, true, kSeed);
-  PhaseScreens again(n, 0.01, spectrum, true, kSeed);
-  PhaseScreens other(n, 0.01, spectrum, true, kSeed + 1);
+  PhaseScreens screens(n, 0.01, spectrum, true, kScreenSeed);
+  PhaseScreens again(n, 0.01, spectrum, true, kScreenSeed);
+  PhaseScreens other(n, 0.01, spectrum, true, kScreenSeed + 1);
   draw(screens, n, 0);
   const Screens a = draw(screens, n, 7, 2);
   const Screens b = draw(again, n, 7, 2);
@@ -149,8 +150,8 @@ TEST(PhaseScreens, DependOnSeedRealisationAndPairAlone) {
 // More points over the same width are the same screen in more detail.
 TEST(PhaseScreens, FinerGridDrawsTheSameScreen) {
   const VonKarman spectrum{0.2, 10.0, 0.15};  // Both grids resolve the inner scale.
-  PhaseScreens coarse(64, 0.02, spectrum, true, kSeed);
-  PhaseScreens fine(128, 0.01, spectrum, true, kSeed);
+  PhaseScreens coarse(64, 0.02, spectrum, true, kScreenSeed);
+  PhaseScreens fine(128, 0.01, spectrum, true, kScreenSeed);
   const Screens a = draw(coarse, 64, 3);
   const Screens b = draw(fine, 128, 3);
   for (int i = 0; i < 64; ++i) {
@@ -163,7 +164,7 @@ TEST(PhaseScreens, FinerGridDrawsTheSameScreen) {
 TEST(PhaseScreens, WindMovesEachScreenByItsOwnShift) {
   const int n = 64;
   const double spacing = 0.02;
-  PhaseScreens screens(n, spacing, {0.2, 10.0, 0.0}, false, kSeed);
+  PhaseScreens screens(n, spacing, {0.2, 10.0, 0.0}, false, kScreenSeed);
   const Screens still = draw(screens, n, 4);
   const Screens moved =
       draw(screens, n, 4, 0, {3 * spacing, -5 * spacing}, {-7 * spacing, 64 * spacing});
@@ -180,8 +181,8 @@ TEST(PhaseScreens, WindMovesEachScreenByItsOwnShift) {
 TEST(PhaseScreens, WindMovesSubharmonics) {
   const int n = 64;
   const double spacing = 0.02;
-  PhaseScreens screens(n, spacing, {0.2, 100.0, 0.0}, true, kSeed);
-  PhaseScreens periodic(n, spacing, {0.2, 100.0, 0.0}, false, kSeed);
+  PhaseScreens screens(n, spacing, {0.2, 100.0, 0.0}, true, kScreenSeed);
+  PhaseScreens periodic(n, spacing, {0.2, 100.0, 0.0}, false, kScreenSeed);
   const Screens still = draw(screens, n, 4);
   const Screens moved = draw(screens, n, 4, 0, {9 * spacing, 2 * spacing}, {0.0, 0.0});
   double slow = 0.0;

@@ -11,6 +11,7 @@
 
 #include "acquisition/simulator/field_vortices.h"
 #include "core/error.h"
+#include "tests/support/constants.h"
 #include "tests/support/sanitized.h"
 
 namespace curlew {
@@ -18,8 +19,7 @@ namespace {
 
 using Complex = std::complex<double>;
 
-constexpr double kPi = std::numbers::pi;
-constexpr std::uint64_t kSeed = 3;
+constexpr std::uint64_t kPathSeed = 3;
 
 // Makes a path for a periodic plane wave whose whole grid of n points, 4.1 √(λL) wide, is
 // delivered.
@@ -33,7 +33,7 @@ TurbulentPath whole_grid(double variance, int n = 256) {
   return path;
 }
 
-Propagation whole_grid_propagation(const TurbulentPath& path, std::uint64_t seed = kSeed) {
+Propagation whole_grid_propagation(const TurbulentPath& path, std::uint64_t seed = kPathSeed) {
   const int lenslets = path.grid / path.grid_samples;
   return {path, lenslets, lenslets, 1, seed};
 }
@@ -140,7 +140,7 @@ TEST(Propagation, GaussianBeamInStillAirIsTheAnalyticOne) {
   path.lenslet = 0.1;
   path.grid = 256;
   path.grid_samples = 4;
-  Propagation propagation(path, 13, 8, 12, kSeed);
+  Propagation propagation(path, 13, 8, 12, kPathSeed);
   EXPECT_EQ(propagation.field_samples(), 12);
   SampledField field;
   propagation.propagate(0, field);
@@ -194,7 +194,7 @@ TEST(Propagation, PlaneWaveKeepsItsEnergyAndVorticesCancel) {
       EXPECT_EQ(total, 0);
       vortices += found.size();
     }
-    EXPECT_GT(vortices, 10U) << "seed " << kSeed << ", variance " << variance;
+    EXPECT_GT(vortices, 10U) << "seed " << kPathSeed << ", variance " << variance;
   }
 }
 
@@ -234,7 +234,7 @@ TEST(Propagation, WeakScintillationIsRytovs) {
     }
     const double mean = sum / kRealisations;
     const double error = std::sqrt((squares / kRealisations - mean * mean) / (kRealisations - 1.0));
-    SCOPED_TRACE(::testing::Message() << "seed " << kSeed << ", variance " << variance
+    SCOPED_TRACE(::testing::Message() << "seed " << kPathSeed << ", variance " << variance
                                       << ", first-order theory " << theory << ", error " << error);
     RecordProperty("index", std::to_string(mean));
     EXPECT_LT(error, 0.03 * variance);
@@ -265,7 +265,7 @@ TEST(Propagation, FinerGridFindsTheSameVortices) {
   fine.grid_samples = 16;
   SampledField a;
   SampledField b;
-  Propagation(coarse, 32, 32, 16, kSeed).propagate(1, a);
+  Propagation(coarse, 32, 32, 16, kPathSeed).propagate(1, a);
   whole_grid_propagation(fine).propagate(1, b);
   const auto from_coarse = find_field_vortices(a);
   const auto from_fine = find_field_vortices(b);
@@ -282,7 +282,7 @@ TEST(Propagation, FinerGridFindsTheSameVortices) {
                 ? 1
                 : 0;
   }
-  EXPECT_GT(apart, 20) << "seed " << kSeed;
+  EXPECT_GT(apart, 20) << "seed " << kPathSeed;
   EXPECT_GE(same, 0.95 * apart);
   EXPECT_NEAR(static_cast<double>(from_coarse.size()) / static_cast<double>(from_fine.size()), 1.0,
               0.1);
@@ -293,7 +293,7 @@ TEST(Propagation, DeliversTheArrayInTheMiddleOfTheGrid) {
   SampledField whole;
   SampledField part;
   whole_grid_propagation(path).propagate(0, whole);
-  Propagation small(path, 4, 6, 8, kSeed);
+  Propagation small(path, 4, 6, 8, kPathSeed);
   EXPECT_EQ(small.grid().margin, 4);
   small.propagate(0, part);
   ASSERT_EQ(part.values.rows(), (4 + 8) * 8);
@@ -305,7 +305,7 @@ TEST(Propagation, DeliversTheArrayInTheMiddleOfTheGrid) {
   }
   // If the field is thrice as fine, the middle one of three points is the grid's own.
   SampledField fine;
-  Propagation(path, 4, 6, 24, kSeed).propagate(0, fine);
+  Propagation(path, 4, 6, 24, kPathSeed).propagate(0, fine);
   for (int i = 0; i < part.values.rows(); ++i) {
     for (int j = 0; j < part.values.cols(); ++j) {
       ASSERT_LT(std::abs(part.values(i, j) - fine.values(3 * i + 1, 3 * j + 1)), 2e-5F);
@@ -319,7 +319,7 @@ TEST(Propagation, FrameDependsOnSeedAndNumberAlone) {
     if (windy) path.wind = {{0.3, 0.1}, {-0.2, 0.7}};
     Propagation in_order = whole_grid_propagation(path);
     Propagation at_once = whole_grid_propagation(path);
-    Propagation other = whole_grid_propagation(path, kSeed + 1);
+    Propagation other = whole_grid_propagation(path, kPathSeed + 1);
     SampledField a;
     SampledField b;
     SampledField c;
@@ -385,10 +385,10 @@ TEST(Propagation, GuardTakesLightAndGivesNone) {
   path.grid_samples = 8;
   SampledField still;
   SampledField field;
-  Propagation propagation(path, 32, 32, 1, kSeed);
+  Propagation propagation(path, 32, 32, 1, kPathSeed);
   TurbulentPath vacuum = path;
   vacuum.rytov_variance = 0.0;
-  Propagation(vacuum, 32, 32, 1, kSeed).propagate(0, still);
+  Propagation(vacuum, 32, 32, 1, kPathSeed).propagate(0, still);
   for (int k = 0; k < 4; ++k) {
     propagation.propagate(k, field);
     EXPECT_LE(mean_power(field), mean_power(still) * (1.0 + 1e-5));

@@ -10,7 +10,7 @@
 namespace curlew {
 namespace {
 
-constexpr std::uint64_t kSeed = 20070;
+constexpr std::uint64_t kStreamSeed = 20070;
 
 TEST(RandomStream, SamePairSameNumbersOtherPairOthers) {
   RandomStream a(1, 7);
@@ -30,12 +30,12 @@ TEST(RandomStream, SamePairSameNumbersOtherPairOthers) {
 // Successive frames draw from neighbouring streams, whose first numbers must not correlate. The
 // bound is 5 standard deviations of the mean of 100,000 products of variance 1/144.
 TEST(RandomStream, SuccessiveStreamsAreUncorrelated) {
-  SCOPED_TRACE(::testing::Message() << "seed " << kSeed);
+  SCOPED_TRACE(::testing::Message() << "seed " << kStreamSeed);
   constexpr int kStreams = 100'000;
   double product = 0.0;
-  double previous = RandomStream(kSeed, 0).uniform() - 0.5;
+  double previous = RandomStream(kStreamSeed, 0).uniform() - 0.5;
   for (int s = 1; s <= kStreams; ++s) {
-    const double value = RandomStream(kSeed, static_cast<std::uint64_t>(s)).uniform() - 0.5;
+    const double value = RandomStream(kStreamSeed, static_cast<std::uint64_t>(s)).uniform() - 0.5;
     product += value * previous;
     previous = value;
   }
@@ -44,10 +44,10 @@ TEST(RandomStream, SuccessiveStreamsAreUncorrelated) {
 
 // Every bound is 5 standard deviations of what is estimated.
 TEST(RandomStream, PoissonMeanAndVariance) {
-  SCOPED_TRACE(::testing::Message() << "seed " << kSeed);
+  SCOPED_TRACE(::testing::Message() << "seed " << kStreamSeed);
   constexpr int kDraws = 200'000;
   for (const double mean : {0.01, 0.5, 5.0, 11.99, 12.01, 40.0, 1000.0, 1e6}) {
-    RandomStream random(kSeed, 1);
+    RandomStream random(kStreamSeed, 1);
     double sum = 0.0;
     double squares = 0.0;
     for (int i = 0; i < kDraws; ++i) {
@@ -66,10 +66,10 @@ TEST(RandomStream, PoissonMeanAndVariance) {
 // Classes are pooled below 20 expected counts; the bound is 5 standard deviations of χ² above its
 // mean.
 TEST(RandomStream, PoissonFrequencies) {
-  SCOPED_TRACE(::testing::Message() << "seed " << kSeed);
+  SCOPED_TRACE(::testing::Message() << "seed " << kStreamSeed);
   constexpr int kDraws = 400'000;
   for (const double mean : {3.0, 11.9, 12.1, 35.0, 150.0}) {
-    RandomStream random(kSeed, 2);
+    RandomStream random(kStreamSeed, 2);
     std::vector<double> counts(1000, 0.0);
     for (int i = 0; i < kDraws; ++i) {
       counts[static_cast<std::size_t>(std::min(random.poisson(mean), 999.0))] += 1.0;
@@ -95,7 +95,7 @@ TEST(RandomStream, PoissonFrequencies) {
 }
 
 TEST(RandomStream, PoissonOfNothingIsNothing) {
-  RandomStream random(kSeed, 3);
+  RandomStream random(kStreamSeed, 3);
   EXPECT_EQ(random.poisson(0.0), 0.0);
   EXPECT_EQ(random.poisson(-1.0), 0.0);
   EXPECT_EQ(random.poisson(std::nan("")), 0.0);
@@ -104,9 +104,9 @@ TEST(RandomStream, PoissonOfNothingIsNothing) {
 // The moments and the fraction beyond several limits (3.8 lies in the ziggurat's tail) must each be
 // right within 5 standard deviations.
 TEST(RandomStream, GaussianMomentsAndTails) {
-  SCOPED_TRACE(::testing::Message() << "seed " << kSeed);
+  SCOPED_TRACE(::testing::Message() << "seed " << kStreamSeed);
   constexpr int kDraws = 2'000'000;
-  RandomStream random(kSeed, 4);
+  RandomStream random(kStreamSeed, 4);
   double sum = 0.0;
   double squares = 0.0;
   double fourths = 0.0;

@@ -6,6 +6,7 @@
 
 #include "acquisition/simulator/simulator.h"
 #include "core/error.h"
+#include "tests/support/frame_bytes.h"
 
 namespace curlew {
 namespace {
@@ -21,10 +22,6 @@ SimulatorOptions turbulent_options() {
   options.turbulence->rytov_variance = 4.0;
   options.turbulence->grid = 256;
   return options;
-}
-
-std::vector<std::byte> bytes_of(const FrameBuffer& buffer, const FrameFormat& format) {
-  return {buffer.view().pixels, buffer.view().pixels + format.bytes()};
 }
 
 TEST(SimulatedTurbulence, EveryFrameIsItsOwnWhicheverCameBefore) {

@@ -11,16 +11,12 @@
 
 #include "acquisition/fits/fits_file.h"
 #include "core/error.h"
+#include "tests/support/constants.h"
+#include "tests/support/frame_bytes.h"
 #include "tests/support/scratch_directory.h"
 
 namespace curlew {
 namespace {
-
-constexpr double kPi = std::numbers::pi;
-
-std::vector<std::byte> bytes_of(const FrameBuffer& buffer, const FrameFormat& format) {
-  return {buffer.view().pixels, buffer.view().pixels + format.bytes()};
-}
 
 // Returns the mean light in one lenslet's window, in electrons.
 double light_in_window(const Image<float>& image, int window_px, int row, int col) {

@@ -10,6 +10,7 @@
 
 #include "core/error.h"
 #include "tests/centroiding/drawn_spots.h"
+#include "tests/support/text.h"
 
 namespace curlew {
 namespace {
@@ -22,10 +23,6 @@ std::string refusal(const Image<float>& image) {
     return failure.what();
   }
   return {};
-}
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
 }
 
 /// Returns the largest distance, in px, of a lit place of the found grid from the nearest place of

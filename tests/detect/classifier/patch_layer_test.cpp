@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::uint64_t kSeed = 20260801;
 
-class PatchLayerOf : public testing::TestWithParam<int> {};
+class PatchLayerOf : public ::testing::TestWithParam<int> {};
 
 /// The fixed-point layer agrees within what rounding may do: half a step of each code times the
 /// weights, and half a step of each weight times the codes. It does so for every number of patches
@@ -66,8 +66,8 @@ TEST_P(PatchLayerOf, AgreesWithItsLayer) {
 }
 
 INSTANTIATE_TEST_SUITE_P(HeadAndScreen, PatchLayerOf,
-                         testing::Values(ClassifierNetwork::kEncoderEnd,
-                                         ClassifierNetwork::kScoutEnd));
+                         ::testing::Values(ClassifierNetwork::kEncoderEnd,
+                                           ClassifierNetwork::kScoutEnd));
 
 TEST(PatchLayer, TheLargestCodesDoNotOverflow) {
   const ClassifierNetwork network = shipped_classifier_network();

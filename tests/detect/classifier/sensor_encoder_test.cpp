@@ -15,11 +15,11 @@
 namespace curlew {
 namespace {
 
-constexpr std::uint64_t kSeed = 20261129;
+constexpr std::uint64_t kSensorSeed = 20261129;
 
 DenseLayer random_layer() {
   DenseLayer layer(kTaughtInputs, 32);
-  RandomStream random(kSeed, 0);
+  RandomStream random(kSensorSeed, 0);
   for (float& weight : layer.weights) weight = static_cast<float>(random.gaussian());
   for (float& bias : layer.bias) bias = static_cast<float>(random.gaussian());
   return layer;
@@ -89,7 +89,7 @@ TEST(LayerForSensor, IsTheTaughtLayerAtTheTraits) {
   const double angle = 0.3;
   const DenseLayer layer = layer_for_sensor(taught, traits, angle);
   ASSERT_EQ(layer.inputs, kSpotFeatures);
-  RandomStream random(kSeed, 1);
+  RandomStream random(kSensorSeed, 1);
   std::array<double, kSpotFeatures> features{};
   for (double& feature : features) feature = random.gaussian();
   features.back() = 1.0;

@@ -15,7 +15,7 @@
 namespace curlew {
 namespace {
 
-constexpr std::uint64_t kSeed = 20260731;
+constexpr std::uint64_t kFeatureSeed = 20260731;
 
 /// Returns windows of every size that fill a frame of 96 × 97 pixels to its last one. Their
 /// references are off the pixels' centres, and one lenslet is missing.
@@ -59,7 +59,7 @@ FrameFormat format_of_test(PixelType type) {
 void expect_many_equal_one(const SpotCamera& camera, PixelType type, const FrameShift& shift = {}) {
   const FrameFormat format = format_of_test(type);
   const SpotFeatures features(camera, format);
-  RandomStream random(kSeed, 0);
+  RandomStream random(kFeatureSeed, 0);
   FrameBuffer frame(format);
   for (std::size_t i = 0; i < format.pixels(); ++i) {
     const double count = 100.0 + 100.0 * random.uniform();
@@ -88,7 +88,7 @@ void expect_many_equal_one(const SpotCamera& camera, PixelType type, const Frame
       // few roundings of 1.
       EXPECT_NEAR(many[i * kSpotFeatures + static_cast<std::size_t>(kMeasuredPlaces[f])], one[f],
                   3e-6F * std::max(1.0F, std::abs(one[f])))
-          << "lenslet " << k << ", feature " << f << ", seed " << kSeed;
+          << "lenslet " << k << ", feature " << f << ", seed " << kFeatureSeed;
     }
   }
 }
@@ -102,7 +102,7 @@ TEST(SpotFeatures, ManyAreAsOne) {
 
 TEST(SpotFeatures, ManyAreAsOneWithDarkAndResponse) {
   SpotCamera camera = camera_of_test(3.0);
-  RandomStream random(kSeed, 1);
+  RandomStream random(kFeatureSeed, 1);
   camera.dark_adu = Image<float>(96, 97);
   camera.response = Image<float>(96, 97);
   for (std::size_t i = 0; i < camera.dark_adu.size(); ++i) {
@@ -116,7 +116,7 @@ TEST(SpotFeatures, ManyAreAsOneWithDarkAndResponse) {
 /// partly leave the frame.
 struct ShiftedFrame {
   ShiftedFrame() {
-    RandomStream random(kSeed, 2);
+    RandomStream random(kFeatureSeed, 2);
     for (std::size_t k = 0; k < level.size(); ++k) {
       level[k] = static_cast<float>(20.0 * random.uniform());
       spots_x[k] = static_cast<float>(30.0 * (random.uniform() - 0.5));

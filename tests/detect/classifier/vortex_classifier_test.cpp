@@ -22,15 +22,15 @@
 namespace curlew {
 namespace {
 
-constexpr int kLenslets = 16;
+constexpr int kFieldLenslets = 16;
 constexpr int kWindowPx = 6;
-constexpr int kSide = kLenslets * kWindowPx;
+constexpr int kSide = kFieldLenslets * kWindowPx;
 constexpr double kBiasAdu = 100.0;
 constexpr double kEPerAdu = 0.25;
-constexpr std::uint64_t kSeed = 20260711;
+constexpr std::uint64_t kFieldSeed = 20260711;
 
 Sensor sensor_of_test() {
-  Sensor sensor = tiled_sensor({kLenslets, kLenslets, kWindowPx});
+  Sensor sensor = tiled_sensor({kFieldLenslets, kFieldLenslets, kWindowPx});
   sensor.optics = {.pitch_m = 1e-4,
                    .focal_m = 1e-2,
                    .pixel_m = 1e-5,
@@ -52,7 +52,7 @@ FrameFormat format_of_test() {
 /// Returns the expected electrons of every pixel.
 Image<float> light_of(const Scene& scene, double photons) {
   SimulatorOptions options;
-  options.rows = options.cols = kLenslets;
+  options.rows = options.cols = kFieldLenslets;
   options.window_px = kWindowPx;
   options.photons = photons;
   options.scene = scene;
@@ -99,9 +99,9 @@ struct Chain {
   ClassifierPlan plan;
   ClassifierWorkspace workspace{plan};
   FrameBuffer frame{format_of_test()};
-  Centroids centroids{kLenslets, kLenslets};
-  SlopeField slopes{kLenslets, kLenslets};
-  CirculationMap circulation{kLenslets, kLenslets};
+  Centroids centroids{kFieldLenslets, kFieldLenslets};
+  SlopeField slopes{kFieldLenslets, kFieldLenslets};
+  CirculationMap circulation{kFieldLenslets, kFieldLenslets};
   VortexList vortices{64};
 };
 
@@ -113,7 +113,7 @@ TEST(VortexClassifier, PlaneWavesHaveNoVortex) {
     for (const double photons : {200.0, 1000.0, 10000.0}) {
       const Image<float> light = light_of(scene, photons);
       Chain chain;
-      for (std::uint64_t seed = kSeed; seed < kSeed + 10; ++seed) {
+      for (std::uint64_t seed = kFieldSeed; seed < kFieldSeed + 10; ++seed) {
         chain.expose(light, seed);
         EXPECT_TRUE(chain.classify().empty()) << photons << " photons, seed " << seed;
       }
@@ -126,7 +126,7 @@ TEST(VortexClassifier, FindsVorticesWithTheirSign) {
     for (const double x : {5.5, 7.2, 8.0}) {
       for (const double y : {6.5, 9.1}) {
         Chain chain;
-        chain.expose(light_of(vortex_scene(x, y, charge), 4000.0), kSeed);
+        chain.expose(light_of(vortex_scene(x, y, charge), 4000.0), kFieldSeed);
         const VortexList& found = chain.classify();
         ASSERT_EQ(found.size(), 1U) << x << ", " << y;
         EXPECT_EQ(found[0].charge, charge);
@@ -145,7 +145,7 @@ TEST(VortexClassifier, FollowsRotationAndMirror) {
   // tolerances.
   const Image<float> light = light_of(vortex_scene(6.8, 9.3, 1), 4000.0);
   Chain upright;
-  upright.expose(light, kSeed);
+  upright.expose(light, kFieldSeed);
   ASSERT_EQ(upright.classify().size(), 1U);
   const Vortex seen = upright.vortices[0];
   const auto* counts = reinterpret_cast<const std::uint16_t*>(upright.frame.data());
@@ -166,7 +166,7 @@ TEST(VortexClassifier, FollowsRotationAndMirror) {
       const float x = transposed ? seen.y : seen.x;
       const float y = transposed ? seen.x : seen.y;
       EXPECT_EQ(found.charge, transposed != mirrored ? -seen.charge : seen.charge);
-      EXPECT_NEAR(found.x, mirrored ? kLenslets - 1 - x : x, 0.15F);
+      EXPECT_NEAR(found.x, mirrored ? kFieldLenslets - 1 - x : x, 0.15F);
       EXPECT_NEAR(found.y, y, 0.15F);
     }
   }
@@ -174,12 +174,12 @@ TEST(VortexClassifier, FollowsRotationAndMirror) {
 
 TEST(VortexClassifier, NeverReportsOneVortexTwice) {
   Chain chain({.min_probability = 0.02});
-  RandomStream random(kSeed, 0);
+  RandomStream random(kFieldSeed, 0);
   std::size_t reported = 0;
   for (int trial = 0; trial < 20; ++trial) {
     Scene scene = vortex_scene(3.0 + 9.0 * random.uniform(), 3.0 + 9.0 * random.uniform(), 1);
     scene.vortices.push_back({.x = 12.0 * random.uniform(), .y = 2.0, .charge = -1});
-    chain.expose(light_of(scene, 300.0), kSeed + static_cast<std::uint64_t>(trial));
+    chain.expose(light_of(scene, 300.0), kFieldSeed + static_cast<std::uint64_t>(trial));
     const VortexList& found = chain.classify();
     reported += found.size();
     for (const Vortex& a : found) {
@@ -194,14 +194,14 @@ TEST(VortexClassifier, NeverReportsOneVortexTwice) {
 
 TEST(VortexClassifier, ReportsAPairOrItsVorticesNeverBoth) {
   Chain chain({.min_probability = 0.02});
-  RandomStream random(kSeed, 1);
+  RandomStream random(kFieldSeed, 1);
   int pairs = 0;
   for (int trial = 0; trial < (kSanitized ? 20 : 60); ++trial) {
     const double x = 4.0 + 7.0 * random.uniform();
     const double y = 4.0 + 7.0 * random.uniform();
     Scene scene = vortex_scene(x - 0.3, y, 1);
     scene.vortices.push_back({.x = x + 0.3, .y = y, .charge = -1});
-    chain.expose(light_of(scene, 2000.0), kSeed + static_cast<std::uint64_t>(trial));
+    chain.expose(light_of(scene, 2000.0), kFieldSeed + static_cast<std::uint64_t>(trial));
     for (const Vortex& pair : chain.classify()) {
       EXPECT_EQ(pair.charge == 0, (pair.flags & kVortexUnresolvedPair) != 0);
       if (pair.charge != 0) continue;
@@ -220,7 +220,7 @@ TEST(VortexClassifier, ReportsAPairOrItsVorticesNeverBoth) {
 
 TEST(VortexClassifier, LivesWithMissingLensletsAndAnyPixels) {
   Chain chain({.min_probability = 0.02});
-  RandomStream random(kSeed, 0);
+  RandomStream random(kFieldSeed, 0);
   auto* counts = reinterpret_cast<std::uint16_t*>(chain.frame.data());
   std::size_t reported = 0;
   for (int trial = 0; trial < 40; ++trial) {
@@ -233,8 +233,8 @@ TEST(VortexClassifier, LivesWithMissingLensletsAndAnyPixels) {
     }
     for (const Vortex& vortex : chain.classify()) {
       ++reported;
-      EXPECT_TRUE(vortex.x >= 0.0F && vortex.x <= kLenslets - 1);
-      EXPECT_TRUE(vortex.y >= 0.0F && vortex.y <= kLenslets - 1);
+      EXPECT_TRUE(vortex.x >= 0.0F && vortex.x <= kFieldLenslets - 1);
+      EXPECT_TRUE(vortex.y >= 0.0F && vortex.y <= kFieldLenslets - 1);
       EXPECT_TRUE(vortex.probability >= 0.02F && vortex.probability <= 1.0F);
       EXPECT_TRUE(std::isfinite(vortex.variance_x) && std::isfinite(vortex.variance_y));
     }
@@ -253,7 +253,7 @@ TEST(VortexClassifier, FindsWhatItWasTrainedToFind) {
   std::size_t judged = 0;
   std::size_t judged_exactly = 0;
   for (int trial = 0; trial < 6; ++trial) {
-    const std::uint64_t seed = kSeed + static_cast<std::uint64_t>(trial);
+    const std::uint64_t seed = kFieldSeed + static_cast<std::uint64_t>(trial);
     Scene scene = vortex_scene(5.2 + 0.4 * trial, 6.9 - 0.3 * trial, trial % 2 == 0 ? 1 : -1);
     scene.vortices.push_back({.x = 11.3, .y = 10.6 + 0.2 * trial, .charge = 1});
     const Image<float> light = light_of(scene, 300.0);
@@ -292,11 +292,11 @@ TEST(VortexClassifier, FindsWhatItWasTrainedToFind) {
 TEST(VortexClassifier, SameFrameSameBits) {
   Chain first;
   Chain second;
-  first.expose(light_of(vortex_scene(3.0, 4.0, 1), 1000.0), kSeed + 1);
+  first.expose(light_of(vortex_scene(3.0, 4.0, 1), 1000.0), kFieldSeed + 1);
   first.classify();  // It leaves its workspace used.
   const Image<float> light = light_of(vortex_scene(7.1, 8.4, -1), 1000.0);
-  first.expose(light, kSeed);
-  second.expose(light, kSeed);
+  first.expose(light, kFieldSeed);
+  second.expose(light, kFieldSeed);
   const VortexList& a = first.classify();
   const VortexList& b = second.classify();
   ASSERT_EQ(a.size(), b.size());
@@ -348,7 +348,7 @@ TEST(SpotFeatures, ModesTurnAsPicturesDo) {
   const SpotFeatures features(spot_camera(sensor_of_test()), format_of_test());
   FrameBuffer frame(format_of_test());
   auto* counts = reinterpret_cast<std::uint16_t*>(frame.data());
-  RandomStream random(kSeed, 0);
+  RandomStream random(kFieldSeed, 0);
   for (int i = 0; i < kWindowPx; ++i) {
     for (int j = 0; j < kWindowPx; ++j) {
       const auto count = static_cast<std::uint16_t>(kBiasAdu + 1000.0 * random.uniform());

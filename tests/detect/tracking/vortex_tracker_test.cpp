@@ -18,9 +18,9 @@
 namespace curlew {
 namespace {
 
-constexpr int kLenslets = 16;
+constexpr int kTrackLenslets = 16;
 constexpr std::size_t kCapacity = 64;
-constexpr double kFrameS = 2e-3;
+constexpr double kTrackFrameS = 2e-3;
 constexpr double kErrorRms = 0.2;  // rms error of candidates along an axis, pitches
 
 Vortex candidate(double x, double y, int charge, double probability) {
@@ -42,13 +42,13 @@ TrackerOptions independent_errors() {
 }
 
 VortexTracker make_tracker(const TrackerOptions& options = independent_errors()) {
-  return {options, kLenslets, kLenslets, kCapacity};
+  return {options, kTrackLenslets, kTrackLenslets, kCapacity};
 }
 
 VortexList update(VortexTracker& tracker, int frame, const std::vector<Vortex>& candidates) {
   VortexList list(256);
   for (const Vortex& one : candidates) list.push(one);
-  tracker.update(kFrameS * frame, list);
+  tracker.update(kTrackFrameS * frame, list);
   return list;
 }
 
@@ -72,8 +72,8 @@ TEST(VortexTracker, KnowsTheVelocityWithinItsCovariance) {
     ASSERT_EQ(list.size(), 1U) << "trial " << trial;
     ASSERT_GE(list[0].track, 0);
     const double last = kFrames - 1;
-    velocity_error2 += std::pow(kFrameS * static_cast<double>(list[0].velocity_x) - vx, 2) +
-                       std::pow(kFrameS * static_cast<double>(list[0].velocity_y) - vy, 2);
+    velocity_error2 += std::pow(kTrackFrameS * static_cast<double>(list[0].velocity_x) - vx, 2) +
+                       std::pow(kTrackFrameS * static_cast<double>(list[0].velocity_y) - vy, 2);
     position_error2 += std::pow(static_cast<double>(list[0].x) - 7.5 - vx * last, 2) +
                        std::pow(static_cast<double>(list[0].y) - 7.5 - vy * last, 2);
     stated += static_cast<double>(list[0].variance_x + list[0].variance_y);
@@ -137,8 +137,8 @@ TEST(VortexTracker, StatesItsErrors) {
         ++n;
       }
     }
-    EXPECT_NEAR(static_cast<double>(tracker.drift()[0]) * kFrameS, 0.1, 0.03);
-    EXPECT_NEAR(static_cast<double>(tracker.drift()[1]) * kFrameS, 0.0, 0.03);
+    EXPECT_NEAR(static_cast<double>(tracker.drift()[0]) * kTrackFrameS, 0.1, 0.03);
+    EXPECT_NEAR(static_cast<double>(tracker.drift()[1]) * kTrackFrameS, 0.0, 0.03);
   }
   // Errors last some 5 frames, so that about n/5 are independent. Their variance is 4, and the
   // tolerance is three σ.
@@ -312,7 +312,7 @@ TEST(VortexTracker, AnUnresolvedPairKeepsBothItsTracks) {
 /// new in every frame.
 double false_tracks_per_frame(const TrackerOptions& options, double min_probability) {
   constexpr int kFrames = 4000;
-  VortexTracker tracker(options, kLenslets, kLenslets, kCapacity);
+  VortexTracker tracker(options, kTrackLenslets, kTrackLenslets, kCapacity);
   RandomStream random(7, 0);
   std::set<std::int64_t> ids;
   for (int f = 0; f < kFrames; ++f) {
@@ -446,7 +446,7 @@ TEST(VortexTracker, RunsAlikeTwice) {
 }
 
 TEST(VortexTracker, CountsWhatFindsNoRoom) {
-  VortexTracker tracker(independent_errors(), kLenslets, kLenslets, 3);
+  VortexTracker tracker(independent_errors(), kTrackLenslets, kTrackLenslets, 3);
   std::vector<Vortex> candidates;
   for (int i = 0; i < 5; ++i) candidates.push_back(candidate(1.0 + 3.0 * i, 7.5, 1, 0.9));
   VortexList list(16);
@@ -456,7 +456,7 @@ TEST(VortexTracker, CountsWhatFindsNoRoom) {
   // The overflow of a detector's list that was too short stays counted.
   VortexList shortage(2);
   for (const Vortex& vortex : candidates) shortage.push(vortex);
-  tracker.update(kFrameS * 15, shortage);
+  tracker.update(kTrackFrameS * 15, shortage);
   EXPECT_EQ(shortage.size(), 2U);
   EXPECT_GE(shortage.overflow(), 3);
 }
@@ -486,12 +486,12 @@ TEST(VortexTracker, TimeThatGoesBackOrStopsForLongBeginsAnew) {
     ASSERT_EQ(list.size(), 1U);
     list.clear();
     list.push(candidate(7.5, 7.5, 1, 0.95));
-    tracker.update(kFrameS * (19.0 + jump), list);
+    tracker.update(kTrackFrameS * (19.0 + jump), list);
     EXPECT_TRUE(list.empty()) << jump;
     for (int f = 0; f < 20; ++f) {
       list.clear();
       list.push(candidate(7.5, 7.5, 1, 0.95));
-      tracker.update(kFrameS * (20.0 + jump + f), list);
+      tracker.update(kTrackFrameS * (20.0 + jump + f), list);
     }
     ASSERT_EQ(list.size(), 1U);
     EXPECT_EQ(list[0].track, 1);
@@ -502,7 +502,7 @@ TEST(VortexTracker, RefusesOptionsWithoutSense) {
   const auto with = [](auto set) {
     TrackerOptions options;
     set(options);
-    return VortexTracker(options, kLenslets, kLenslets, kCapacity);
+    return VortexTracker(options, kTrackLenslets, kTrackLenslets, kCapacity);
   };
   EXPECT_THROW(with([](TrackerOptions& o) { o.false_tracks_per_frame = 0.0; }), UsageError);
   EXPECT_THROW(with([](TrackerOptions& o) { o.min_probability = 1.5; }), UsageError);

@@ -100,16 +100,16 @@ TEST(WhitenedFinder, FindsNothingWhereThereIsNothing) {
 }
 
 /// This is a field of vortices and noise, uneven in flux.
-struct Scene {
+struct WhitenedScene {
   SlopeField slopes = flat_field(kSize, kSize, 0.02F);
   Image<float> flux = even_flux();
 };
 
-Scene random_scene(unsigned seed) {
+WhitenedScene random_scene(unsigned seed) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> place(2.0, 13.0);
-  Scene scene;
+  WhitenedScene scene;
   for (int i = 0; i < 3; ++i) {
     add_vortex(scene.slopes, place(random), place(random));
     add_conjugate_vortex(scene.slopes, place(random), place(random));
@@ -123,8 +123,9 @@ Scene random_scene(unsigned seed) {
 }
 
 template <typename Place>
-Scene turned(const Scene& scene, float along_x, float along_y, bool swapped, Place place) {
-  Scene out = scene;
+WhitenedScene turned(const WhitenedScene& scene, float along_x, float along_y, bool swapped,
+                     Place place) {
+  WhitenedScene out = scene;
   for (int r = 0; r < kSize; ++r) {
     for (int c = 0; c < kSize; ++c) {
       const auto [row, col] = place(r, c);
@@ -142,12 +143,12 @@ TEST(WhitenedFinder, MirroringAndTransposingTurnChargesOver) {
   int seen = 0;
   for (unsigned seed = 1; seed <= 5; ++seed) {
     SCOPED_TRACE(::testing::Message() << "seed " << seed);
-    const Scene scene = random_scene(seed);
+    const WhitenedScene scene = random_scene(seed);
     const Found found = find(scene.slopes, scene.flux);
-    const Scene mirror = turned(scene, -1.0F, 1.0F, false, [](int r, int c) {
+    const WhitenedScene mirror = turned(scene, -1.0F, 1.0F, false, [](int r, int c) {
       return std::pair{r, kSize - 1 - c};
     });
-    const Scene transpose = turned(scene, 1.0F, 1.0F, true, [](int r, int c) {
+    const WhitenedScene transpose = turned(scene, 1.0F, 1.0F, true, [](int r, int c) {
       return std::pair{c, r};
     });
     const Found mirrored = find(mirror.slopes, mirror.flux);

@@ -10,17 +10,11 @@
 #include "acquisition/simulator/simulator.h"
 #include "service/bench/detection_benchmark.h"
 #include "service/bench/detection_rows.h"
+#include "tests/service/bench/small_field.h"
 #include "tests/support/scratch_directory.h"
 
 namespace curlew {
 namespace {
-
-FieldParameters small_field(double rytov_variance) {
-  FieldParameters parameters;
-  parameters.rytov_variance = rytov_variance;
-  parameters.rows = parameters.cols = 8;
-  return parameters;
-}
 
 template <typename T>
 bool same_bytes(const Image<T>& a, const Image<T>& b) {
@@ -47,7 +41,7 @@ TEST(Realisations, SubsetsShareNoSeed) {
 
 TEST(Realisations, OneSeedOneFieldAlsoThroughTheCache) {
   const ScratchDirectory scratch;
-  const FieldParameters parameters = small_field(4.0);
+  const FieldParameters parameters = small_field(4.0, 8);
   const std::uint64_t seed = realisation_seed(Subset::kTraining, 0);
   const Realisation made = simulate_realisation(parameters, seed);
   ASSERT_GT(made.vortices.size(), 3U) << "seed " << seed;
@@ -57,7 +51,7 @@ TEST(Realisations, OneSeedOneFieldAlsoThroughTheCache) {
   EXPECT_TRUE(cache.holds(parameters, seed));
   EXPECT_TRUE(same(cache.read_or_simulate(parameters, seed), made));
   EXPECT_FALSE(cache.holds(parameters, seed + 1));
-  EXPECT_FALSE(cache.holds(small_field(2.0), seed));
+  EXPECT_FALSE(cache.holds(small_field(2.0, 8), seed));
   EXPECT_FALSE(same(simulate_realisation(parameters, seed + 1), made));
   // A file that was cut off is made again.
   const std::string file = (std::filesystem::directory_iterator(scratch / "deep/folder"))->path();
@@ -69,7 +63,7 @@ TEST(Realisations, OneSeedOneFieldAlsoThroughTheCache) {
 
 TEST(Realisations, WithoutTurbulenceToSpeakOfThereIsNoTruth) {
   const std::uint64_t seed = realisation_seed(Subset::kTraining, 1);
-  const FieldParameters parameters = small_field(0.05);
+  const FieldParameters parameters = small_field(0.05, 8);
   const Realisation realisation = simulate_realisation(parameters, seed);
   EXPECT_TRUE(realisation.vortices.empty()) << "seed " << seed;
   // The detector must not be sure of anything either: a vortex on a node would show a D of 3.
@@ -83,7 +77,7 @@ TEST(Realisations, WithoutTurbulenceToSpeakOfThereIsNoTruth) {
 }
 
 TEST(Measurement, SameBitsForSameSeedAndFluxesShareTheField) {
-  const FieldParameters parameters = small_field(2.0);
+  const FieldParameters parameters = small_field(2.0, 8);
   const std::uint64_t seed = realisation_seed(Subset::kTraining, 2);
   const Realisation realisation = simulate_realisation(parameters, seed);
   MeasurementOptions options;
@@ -113,7 +107,7 @@ TEST(Measurement, SameBitsForSameSeedAndFluxesShareTheField) {
 // A tilt of s rad a pitch must come out as s, whatever window, flux and threshold take away.
 TEST(Measurement, SlopesAreInRadiansPerPitch) {
   for (const double photons : {kWithoutNoise, 2e4}) {
-    FieldParameters parameters = small_field(0.0);
+    FieldParameters parameters = small_field(0.0, 8);
     MeasurementOptions options;
     options.photons = photons;
     const MeasurementPlan plan(parameters, options);
@@ -137,7 +131,7 @@ TEST(Measurement, SlopesAreInRadiansPerPitch) {
 }
 
 TEST(Measurement, DarkLensletsAreFilledWithNothingKnown) {
-  const FieldParameters parameters = small_field(0.0);
+  const FieldParameters parameters = small_field(0.0, 8);
   MeasurementOptions options;
   options.photons = 200.0;
   const MeasurementPlan plan(parameters, options);
@@ -157,7 +151,7 @@ TEST(Measurement, DarkLensletsAreFilledWithNothingKnown) {
 }
 
 TEST(DetectionRows, EveryOneFindsAnIsolatedVortex) {
-  const FieldParameters parameters = small_field(0.0);
+  const FieldParameters parameters = small_field(0.0, 8);
   MeasurementOptions options;
   options.photons = kWithoutNoise;
   const MeasurementPlan plan(parameters, options);
@@ -185,7 +179,7 @@ TEST(DetectionBenchmark, ThreadsAndInterruptionsChangeNothing) {
   const ScratchDirectory scratch;
   const RealisationCache cache(scratch.path());
   DetectionBenchmarkOptions options;
-  options.field = small_field(0.0);
+  options.field = small_field(0.0, 8);
   options.rytov_variances = {4.0};
   options.photons = {kWithoutNoise, 1000.0};
   options.test_realisations = 3;

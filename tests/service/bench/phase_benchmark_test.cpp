@@ -10,21 +10,15 @@
 #include "reconstruct/hidden_phase.h"
 #include "service/bench/phase_exponential.h"
 #include "service/bench/phase_strehl.h"
+#include "tests/service/bench/small_field.h"
 #include "tests/support/allocation_counter.h"
 #include "tests/support/scratch_directory.h"
 
 namespace curlew {
 namespace {
 
-FieldParameters small_field(double rytov_variance) {
-  FieldParameters parameters;
-  parameters.rytov_variance = rytov_variance;
-  parameters.rows = parameters.cols = 8;
-  return parameters;
-}
-
 TEST(PhaseField, IsTheFieldThatTheLightIsMadeOf) {
-  const FieldParameters parameters = small_field(2.0);
+  const FieldParameters parameters = small_field(2.0, 8);
   const std::uint64_t seed = realisation_seed(Subset::kTraining, 3);
   const PhaseField field = simulate_phase_field(parameters, seed);
   const Realisation realisation = simulate_realisation(parameters, seed);
@@ -57,13 +51,13 @@ TEST(PhaseField, IsTheFieldThatTheLightIsMadeOf) {
 
 TEST(PhaseField, ComesBackFromTheCache) {
   const ScratchDirectory scratch;
-  const FieldParameters parameters = small_field(1.0);
+  const FieldParameters parameters = small_field(1.0, 8);
   const std::uint64_t seed = realisation_seed(Subset::kTraining, 4);
   const PhaseFieldCache cache(scratch / "fields");
   EXPECT_FALSE(cache.holds(parameters, seed));
   const PhaseField made = cache.read_or_simulate(parameters, seed);
   EXPECT_TRUE(cache.holds(parameters, seed));
-  EXPECT_FALSE(cache.holds(small_field(2.0), seed));
+  EXPECT_FALSE(cache.holds(small_field(2.0, 8), seed));
   const auto expect_same = [&](const PhaseField& read) {
     EXPECT_EQ(read.samples_per_lenslet, made.samples_per_lenslet);
     EXPECT_EQ(read.first, made.first);
@@ -122,7 +116,7 @@ TEST(ComplexExponential, FindsAPairFromSlopesAlone) {
 
 TEST(PhaseBenchmark, HiddenPhaseOfTheTrueVorticesGainsAndThreadsDoNotCount) {
   PhaseBenchmarkOptions options;
-  options.field = small_field(4.0);
+  options.field = small_field(4.0, 8);
   options.field.rows = options.field.cols = 12;
   options.rytov_variances = {4.0};
   options.photons = {kWithoutNoise};

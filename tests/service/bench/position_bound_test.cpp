@@ -14,6 +14,7 @@
 #include "acquisition/simulator/random_stream.h"
 #include "service/bench/position_benchmark.h"
 #include "service/results/truth_match.h"
+#include "tests/service/bench/small_field.h"
 #include "tests/support/sanitized.h"
 #include "tests/support/scratch_directory.h"
 
@@ -207,17 +208,10 @@ TEST(TruncatedError, IsClosedForACircleAndTheWholeFarOut) {
   EXPECT_NEAR(truncate_error(1e4 * circle, 0.75).square, 0.5 * 0.75 * 0.75, 1e-3);
 }
 
-FieldParameters small_field(double rytov_variance) {
-  FieldParameters parameters;
-  parameters.rytov_variance = rytov_variance;
-  parameters.rows = parameters.cols = 16;
-  return parameters;
-}
-
 class FieldModesOfTurbulence : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
-    FieldParameters wide = small_field(4.0);
+    FieldParameters wide = small_field(4.0, 16);
     wide.rows = wide.cols = 56;
     FieldModeEstimator estimator(6, kSamples, 10);
     const SampledField field = simulate_true_field(wide, realisation_seed(Subset::kTraining, 2));
@@ -249,7 +243,7 @@ TEST_F(FieldModesOfTurbulence, AreOrthogonalByFallingStrengthAndHoldNearlyAll) {
 }
 
 TEST_F(FieldModesOfTurbulence, BoundSeesTheBenchmarksLightAndFallsWithLightAndLenslets) {
-  const FieldParameters field = small_field(4.0);
+  const FieldParameters field = small_field(4.0, 16);
   const SpotDerivative spots(kSamples, field.samples_per_lambda_w, field.window_px);
   const PixelInformation information(1.0);
   const Interior interior{16, 16};

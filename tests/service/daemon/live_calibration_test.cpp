@@ -21,7 +21,7 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr int kSide = 8;
-constexpr int kWindow = 10;
+constexpr int kCalibrationWindow = 10;
 constexpr double kBias = 100.0;
 constexpr int kImages = 12;
 
@@ -31,7 +31,7 @@ class LiveCalibrationTest : public ::testing::Test {
   static SimulatorOptions plane() {
     SimulatorOptions options;
     options.rows = options.cols = kSide;
-    options.window_px = kWindow;
+    options.window_px = kCalibrationWindow;
     options.photons = 20'000.0;
     options.bit_depth = 14;
     options.bias_adu = kBias;
@@ -52,7 +52,7 @@ class LiveCalibrationTest : public ::testing::Test {
       std::memcpy(dark_.back().data(), pixels.data(), format_.bytes());
     }
     if (outer_are_dark_) darken_outer_lenslets();
-    Sensor sensor = sensor_of(simulator, kWindow, kBias);
+    Sensor sensor = sensor_of(simulator, kCalibrationWindow, kBias);
     sensor.flux_adu = Image<float>(kSide, kSide, 1000.0F);
     write_sensor(old_path_, sensor);
     config_.daemon.sensor = old_path_;
@@ -68,7 +68,9 @@ class LiveCalibrationTest : public ::testing::Test {
     });
   }
   void darken_outer_lenslets() {
-    const auto within = [](int px) { return px >= kWindow && px < (kSide - 1) * kWindow; };
+    const auto within = [](int px) {
+      return px >= kCalibrationWindow && px < (kSide - 1) * kCalibrationWindow;
+    };
     for (std::size_t i = 0; i < lit_.size(); ++i)
       for (int row = 0; row < format_.rows; ++row)
         for (int col = 0; col < format_.cols; ++col) {
@@ -161,7 +163,7 @@ TEST_F(LiveCalibrationTest, ADarkAndAReferenceBecomeTheSensor) {
   const Sensor fresh = pipeline_->sensor();
   ASSERT_FALSE(fresh.dark_adu.empty());
   EXPECT_NEAR(fresh.dark_adu(3, 3), kBias, 3.0);
-  EXPECT_NEAR(fresh.grid.pitch_px(), kWindow, 0.02);
+  EXPECT_NEAR(fresh.grid.pitch_px(), kCalibrationWindow, 0.02);
   EXPECT_EQ(fresh.optics.focal_m, read_sensor(old_path_).optics.focal_m);
   EXPECT_EQ(sensor_hash(fresh), sensor_hash(read_sensor(sensors[0])));
   EXPECT_TRUE(files(".").empty() && files("taken").empty()) << "what was taken is gone";

@@ -20,13 +20,13 @@
 namespace curlew {
 namespace {
 
-constexpr int kWindow = 8;
+constexpr int kTapWindow = 8;
 
 SimulatorOptions scene(int frames) {
   SimulatorOptions options;
   options.rows = 10;
   options.cols = 12;
-  options.window_px = kWindow;
+  options.window_px = kTapWindow;
   options.photons = 1000.0;
   options.frames = frames;
   options.scene.core_radius = 1.5;
@@ -39,7 +39,7 @@ SimulatorOptions scene(int frames) {
 struct Frames {
   explicit Frames(int frames)
       : simulator(scene(frames)),
-        plan(std::make_shared<const Plan>(sensor_of(simulator, kWindow, 0.0), simulator.format(),
+        plan(std::make_shared<const Plan>(sensor_of(simulator, kTapWindow, 0.0), simulator.format(),
                                           Config{})) {}
 
   void run(const std::function<void(const FrameSlot&)>& see) {

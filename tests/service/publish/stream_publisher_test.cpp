@@ -18,15 +18,15 @@
 namespace curlew {
 namespace {
 
-constexpr int kWindow = 8;
-constexpr int kRows = 10;
-constexpr int kCols = 12;
+constexpr int kStreamWindow = 8;
+constexpr int kStreamRows = 10;
+constexpr int kStreamCols = 12;
 
 SimulatorOptions scene() {
   SimulatorOptions options;
-  options.rows = kRows;
-  options.cols = kCols;
-  options.window_px = kWindow;
+  options.rows = kStreamRows;
+  options.cols = kStreamCols;
+  options.window_px = kStreamWindow;
   options.pupil = PupilShape::kObscured;
   options.photons = 250.0;  // some lenslets fade
   options.frames = 400;
@@ -56,15 +56,15 @@ class Reader {
     const SlopeField& s = slot.slopes;
     const float* slopes = data<float>("slopes");
     const float* mask = data<float>("mask");
-    for (int r = 0; r < kRows; ++r)
-      for (int c = 0; c < kCols; ++c) {
+    for (int r = 0; r < kStreamRows; ++r)
+      for (int c = 0; c < kStreamCols; ++c) {
         const bool valid = s.valid(r, c) != 0;
-        const auto left = static_cast<std::size_t>(r * 2 * kCols + c);
+        const auto left = static_cast<std::size_t>(r * 2 * kStreamCols + c);
         ASSERT_EQ(slopes[left], valid ? s.x(r, c) : 0.0F);
-        ASSERT_EQ(slopes[left + kCols], valid ? s.y(r, c) : 0.0F);
+        ASSERT_EQ(slopes[left + kStreamCols], valid ? s.y(r, c) : 0.0F);
         ASSERT_EQ(mask[left], valid ? 1.0F : 0.0F);
-        ASSERT_EQ(mask[left + kCols], valid ? 1.0F : 0.0F);
-        const auto k = static_cast<std::size_t>(r * kCols + c);
+        ASSERT_EQ(mask[left + kStreamCols], valid ? 1.0F : 0.0F);
+        const auto k = static_cast<std::size_t>(r * kStreamCols + c);
         ASSERT_EQ(data<float>("phase")[k], valid ? slot.split.phase[k] : 0.0F);
         ASSERT_EQ(data<float>("whole_phase")[k], valid ? slot.whole_phase[k] : 0.0F);
         ASSERT_EQ(data<float>("flux")[k], slot.centroids.flux_adu[k]);
@@ -97,7 +97,8 @@ class Reader {
 
 class StreamPublisherTest : public ::testing::Test {
  protected:
-  StreamPublisherTest() : simulator_(scene()), sensor_(sensor_of(simulator_, kWindow, 100.0)) {
+  StreamPublisherTest()
+      : simulator_(scene()), sensor_(sensor_of(simulator_, kStreamWindow, 100.0)) {
     config_.split.hidden_phase = true;
     config_.publish.prefix = "t_";
     config_.publish.folder = scratch_.path();
@@ -139,12 +140,12 @@ TEST_F(StreamPublisherTest, ASlotOfAnotherShapeIsLeftOut) {
   const auto made = plan();
   StreamPublisher streams(config_.publish, *made, simulator_.format());
   SimulatorOptions other = scene();
-  other.rows = kRows + 2;
+  other.rows = kStreamRows + 2;
   other.frames = 1;
   Simulator larger(other);
-  Pipeline pipeline(
-      std::make_shared<const Plan>(sensor_of(larger, kWindow, 100.0), larger.format(), config_),
-      config_.pipeline);
+  Pipeline pipeline(std::make_shared<const Plan>(sensor_of(larger, kStreamWindow, 100.0),
+                                                 larger.format(), config_),
+                    config_.pipeline);
   RecordedFeed feed(larger, {});
   Publisher publisher;
   publisher.publish = [&](const FrameSlot& slot) { streams.publish(slot); };

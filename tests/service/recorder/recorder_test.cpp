@@ -27,6 +27,7 @@
 #include "acquisition/recording/fits_source.h"
 #include "core/error.h"
 #include "tests/support/allocation_counter.h"
+#include "tests/support/eventually.h"
 #include "tests/support/failure_text.h"
 #include "tests/support/found_recordings.h"
 #include "tests/support/numbered_frames.h"
@@ -99,16 +100,6 @@ class Source {
   VortexList vortices_{1};
   std::int64_t added_ = 0;
 };
-
-/// Returns false if the condition did not come true in time.
-bool eventually(const std::function<bool()>& condition, std::chrono::seconds within = 60s) {
-  const auto until = std::chrono::steady_clock::now() + within;
-  while (std::chrono::steady_clock::now() < until) {
-    if (condition()) return true;
-    std::this_thread::sleep_for(5ms);
-  }
-  return false;
-}
 
 /// Returns whether all frames are on disk or dropped, so that none is on its way.
 bool settled(const Recorder& recorder, std::int64_t added) {

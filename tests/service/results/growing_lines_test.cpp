@@ -17,6 +17,7 @@
 #include <thread>
 
 #include "core/error.h"
+#include "tests/support/eventually.h"
 #include "tests/support/scratch_directory.h"
 
 namespace curlew {
@@ -25,15 +26,6 @@ namespace {
 namespace fs = std::filesystem;
 
 std::string line(int number) { return "{\"frame\":" + std::to_string(number) + "}\n"; }
-
-/// Returns false if the condition did not come true within ten seconds.
-bool eventually(const std::function<bool()>& condition) {
-  for (int i = 0; i < 500; ++i) {
-    if (condition()) return true;
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  }
-  return false;
-}
 
 TEST(GrowingLines, AppendsAndCutsOffTheHalfLineOfAKilledProcess) {
   const ScratchDirectory scratch;
