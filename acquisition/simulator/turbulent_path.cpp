@@ -64,11 +64,11 @@ double rytov_variance(double cn2, double wavelength_m, double path_m) {
 }
 
 TurbulentPath chen2007_path() {
-  constexpr double kWavelengthM = 633e-9;
+  constexpr double kPaperWavelengthM = 633e-9;
   constexpr double kPathM = 100e3;
-  const double fresnel_m = std::sqrt(kWavelengthM * kPathM);
+  const double fresnel_m = std::sqrt(kPaperWavelengthM * kPathM);
   TurbulentPath path;
-  path.rytov_variance = rytov_variance(4e-18, kWavelengthM, kPathM);
+  path.rytov_variance = rytov_variance(4e-18, kPaperWavelengthM, kPathM);
   path.lenslet = 0.020 / fresnel_m;
   path.outer_scale = 100.0 / fresnel_m;
   path.inner_scale = 0.005 / fresnel_m;

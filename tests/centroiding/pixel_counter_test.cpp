@@ -10,9 +10,9 @@ namespace curlew {
 namespace {
 
 TEST(PixelCounter, CountsWhatAPlainLoopCounts) {
-  constexpr std::uint64_t kSeed = 20261130;
-  SCOPED_TRACE(kSeed);
-  std::mt19937_64 random(kSeed);
+  constexpr std::uint64_t kCounterSeed = 20261130;
+  SCOPED_TRACE(kCounterSeed);
+  std::mt19937_64 random(kCounterSeed);
   constexpr int kRows = 53, kCols = 71;  // no multiples of a tile
   PixelCounter counter(kRows, kCols);
   Image<int> marked(kRows, kCols);

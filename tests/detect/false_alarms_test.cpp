@@ -109,14 +109,14 @@ double realised_rate(const Pupil& pupil, double rate, int frames, unsigned seed)
 }
 
 TEST_P(FalseAlarmRate, IsTheStatedOne) {
-  constexpr unsigned kSeed = 4242;
-  SCOPED_TRACE("seed " + std::to_string(kSeed));
+  constexpr unsigned kAlarmSeed = 4242;
+  SCOPED_TRACE("seed " + std::to_string(kAlarmSeed));
   struct Case {
     double rate;
     int frames;
   };
   for (const Case& c : {Case{1.0, 8000}, {0.1, 16000}, {0.01, 40000}}) {
-    const double realised = realised_rate(GetParam(), c.rate, c.frames, kSeed);
+    const double realised = realised_rate(GetParam(), c.rate, c.frames, kAlarmSeed);
     // Poisson scatter of four standard deviations is 4.5 %, 10 % and 20 %. Over a million frames
     // the rate is right within 1.5 %.
     const double scatter = 4.0 * std::sqrt(c.rate / c.frames);
