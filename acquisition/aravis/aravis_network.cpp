@@ -10,7 +10,6 @@
 #include <cstdint>
 
 namespace curlew {
-namespace {}  // namespace
 
 bool gige_device_answers(const std::string& address) {
   sockaddr_in device{};

@@ -8,6 +8,28 @@
 
 namespace curlew {
 
+namespace {
+
+/// Returns the second difference along the rows or the columns, at the lenslet or, where it has one
+/// neighbour only, at that neighbour; 0 where no three valid lenslets are in a line.
+double second_difference(const Image<float>& phase, const Image<std::uint8_t>& valid, int row,
+                         int col, int down, int right) {
+  const auto is_valid = [&](int steps) {
+    const int r = row + steps * down;
+    const int c = col + steps * right;
+    return r >= 0 && r < valid.rows() && c >= 0 && c < valid.cols() && valid(r, c) != 0;
+  };
+  const auto at = [&](int steps) {
+    return static_cast<double>(phase(row + steps * down, col + steps * right));
+  };
+  for (const int middle : {0, 1, -1})
+    if (is_valid(middle - 1) && is_valid(middle) && is_valid(middle + 1))
+      return at(middle - 1) - 2.0 * at(middle) + at(middle + 1);
+  return 0.0;
+}
+
+}  // namespace
+
 double WavefrontFigures::strehl() const { return std::exp(-rms_rad * rms_rad); }
 
 WavefrontFigures measure_wavefront(const Image<float>& phase_rad,
@@ -15,11 +37,16 @@ WavefrontFigures measure_wavefront(const Image<float>& phase_rad,
   constexpr double kUnknownFigure = std::numeric_limits<double>::quiet_NaN();
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
+  constexpr double kWeakened = 5.0 / 48.0;
   const auto for_each = [&](auto&& act) {
     for (int row = 0; row < valid.rows(); ++row)
-      for (int col = 0; col < valid.cols(); ++col)
-        if (valid(row, col) != 0)
-          act(Eigen::Vector3d(1.0, col, row), static_cast<double>(phase_rad(row, col)));
+      for (int col = 0; col < valid.cols(); ++col) {
+        if (valid(row, col) == 0) continue;
+        const double laplacian = second_difference(phase_rad, valid, row, col, 0, 1) +
+                                 second_difference(phase_rad, valid, row, col, 1, 0);
+        act(Eigen::Vector3d(1.0, col, row),
+            static_cast<double>(phase_rad(row, col)) - kWeakened * laplacian);
+      }
   };
   for_each([&](const Eigen::Vector3d& place, double phase) {
     normal += place * place.transpose();

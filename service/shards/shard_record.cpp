@@ -258,7 +258,7 @@ FollowerMemory follower_memory_from(const std::string& text, int rows, int cols)
 
 std::string digest_of_inputs(const std::vector<std::string>& recordings,
                              const FrameSelection& selection) {
-  constexpr std::int64_t kBlocks = 16, kBlock_bytes = 4096;
+  constexpr std::int64_t kBlocks = 16, kBlockBytes = 4096;
   BytesDigest digest;
   const auto add_text = [&](const std::string& text) {
     digest.add(std::as_bytes(std::span(text)));
@@ -274,10 +274,10 @@ std::string digest_of_inputs(const std::vector<std::string>& recordings,
         throw Failure(path + " cannot be read: " + std::generic_category().message(errno));
       const std::int64_t size = what.st_size;
       add_text("bytes " + std::to_string(size));
-      const std::int64_t last = std::max<std::int64_t>(size - kBlock_bytes, 0);
+      const std::int64_t last = std::max<std::int64_t>(size - kBlockBytes, 0);
       for (std::int64_t i = 0; i < kBlocks; ++i) {
         const std::int64_t begin = last / (kBlocks - 1) * i;
-        const std::int64_t end = std::min(begin + kBlock_bytes, size);
+        const std::int64_t end = std::min(begin + kBlockBytes, size);
         digest.add(ByteReader(file.get(), begin, end, path).next_block());
       }
     }

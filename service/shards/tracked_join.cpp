@@ -30,10 +30,10 @@ TrackedJoin::TrackedJoin(const ShardRecord& night, TakeRows take_frames, TakeRow
 }
 
 void TrackedJoin::add(std::int64_t n_frames, ByteReader& frames, ByteReader& candidates) {
-  constexpr std::int64_t kBlock_rows = 4096;
+  constexpr std::int64_t kBlockRows = 4096;
   std::vector<std::byte> block;
   while (n_frames > 0) {
-    const std::size_t rows = as_size(std::min(n_frames, kBlock_rows));
+    const std::size_t rows = as_size(std::min(n_frames, kBlockRows));
     block.resize(rows * frame_bytes_);
     frames.read(block);
     for (std::size_t i = 0; i < rows; ++i) track_frame(block.data() + i * frame_bytes_, candidates);

@@ -5,9 +5,13 @@
 
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <numbers>
 #include <set>
+#include <utility>
+#include <vector>
 
+#include "acquisition/loop_source.h"
 #include "acquisition/simulator/simulator.h"
 #include "core/error.h"
 #include "detect/circulation.h"
@@ -16,18 +20,14 @@
 #include "service/bench/detection_score.h"
 #include "service/pipeline.h"
 #include "tests/support/exact_sensor.h"
+#include "tests/support/sanitized.h"
 
 namespace curlew {
 namespace {
 
 constexpr std::uint64_t kDetectionSeed = 7801;
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr int kFramesToCompare = 3;
-constexpr int kMayDiffer = 2;  // vortices
-#else
-constexpr int kFramesToCompare = 12;
-constexpr int kMayDiffer = 1;
-#endif
+constexpr int kFramesToCompare = kSanitized ? 6 : 12;
+constexpr int kMayDiffer = kSanitized ? 2 : 1;  // vortices
 
 /// Returns the benchmark's turbulence with the simulator's own noise.
 SimulatorOptions turbulence(double photons, int frames) {
@@ -39,26 +39,50 @@ SimulatorOptions turbulence(double photons, int frames) {
   return options;
 }
 
+/// Frames and their truth, drawn once however many pipelines see them.
+struct DrawnFrames {
+  explicit DrawnFrames(const SimulatorOptions& options)
+      : simulator(options), sensor(sensor_of(simulator, options.window_px, 100.0)) {
+    for (int i = 0; i < options.frames; ++i) {
+      auto frame = std::make_shared<FrameBuffer>(simulator.format());
+      simulator.next(*frame);
+      frames.push_back(std::move(frame));
+      truth.push_back(simulator.truth(i));
+    }
+  }
+
+  Simulator simulator;
+  Sensor sensor;
+  LoopSource::Frames frames;
+  std::vector<std::vector<TruthVortex>> truth;  ///< of each frame
+};
+
+/// Returns frames with 1000 photons a lenslet.
+const DrawnFrames& usual_frames() {
+  static const DrawnFrames frames(turbulence(1000.0, kFramesToCompare));
+  return frames;
+}
+
 struct Counts {
   int required = 0;
   int hits = 0;
   int false_alarms = 0;
 };
 
-Counts count(DetectMethod method, const SimulatorOptions& simulated, bool follow = true) {
-  Simulator simulator(simulated);
-  const Sensor sensor = sensor_of(simulator, simulated.window_px, 100.0);
+Counts count(DetectMethod method, const DrawnFrames& drawn, bool follow = true) {
+  const Sensor& sensor = drawn.sensor;
   Config config;
   config.detect.method = method;
   config.centroid.follow_windows = follow;
-  Pipeline pipeline(std::make_shared<const Plan>(sensor, simulator.format(), config),
+  Pipeline pipeline(std::make_shared<const Plan>(sensor, drawn.simulator.format(), config),
                     config.pipeline);
-  RecordedFeed feed(simulator, {});
+  LoopSource source(drawn.frames, std::ssize(drawn.frames));
+  RecordedFeed feed(source, {});
   Counts counts;
   Publisher publisher;
   publisher.publish = [&](const FrameSlot& slot) {
     std::vector<SceneVortex> scene;
-    for (const TruthVortex& vortex : simulator.truth(slot.frame_index))
+    for (const TruthVortex& vortex : drawn.truth[static_cast<std::size_t>(slot.frame_index)])
       scene.push_back({.x = vortex.x, .y = vortex.y, .charge = vortex.charge});
     const FrameVerdicts frame =
         judge_frame(candidates_by_probability(slot.vortices), grade_vortices(scene),
@@ -71,13 +95,9 @@ Counts count(DetectMethod method, const SimulatorOptions& simulated, bool follow
   return counts;
 }
 
-Counts count(DetectMethod method, int frames = 6, bool follow = true) {
-  return count(method, turbulence(1000.0, frames), follow);
-}
-
 // Vortices sit in the dark. Without weak spots hardly any vortex is found.
 TEST(VortexDetection, TheClassifierFindsVorticesInTheDark) {
-  const Counts counts = count(DetectMethod::kClassifier);
+  const Counts counts = count(DetectMethod::kClassifier, usual_frames());
   SCOPED_TRACE("seed " + std::to_string(kDetectionSeed));
   ASSERT_GE(counts.required, 10);
   EXPECT_GE(counts.hits, counts.required * 6 / 10) << "of " << counts.required;
@@ -85,7 +105,7 @@ TEST(VortexDetection, TheClassifierFindsVorticesInTheDark) {
 }
 
 TEST(VortexDetection, TheWhitenedFilterFindsSomeAndHardlyAFalseOne) {
-  const Counts counts = count(DetectMethod::kWhitened);
+  const Counts counts = count(DetectMethod::kWhitened, usual_frames());
   SCOPED_TRACE("seed " + std::to_string(kDetectionSeed));
   EXPECT_GE(counts.hits, counts.required / 5) << "of " << counts.required;
   EXPECT_LE(counts.false_alarms, counts.hits / 3);
@@ -95,8 +115,8 @@ TEST(VortexDetection, TheWhitenedFilterFindsSomeAndHardlyAFalseOne) {
 TEST(VortexDetection, FollowingTheSpotsCostsNoVortices) {
   for (const DetectMethod method :
        {DetectMethod::kCirculation, DetectMethod::kWhitened, DetectMethod::kClassifier}) {
-    const Counts still = count(method, kFramesToCompare, false);
-    const Counts following = count(method, kFramesToCompare, true);
+    const Counts still = count(method, usual_frames(), false);
+    const Counts following = count(method, usual_frames(), true);
     SCOPED_TRACE("seed " + std::to_string(kDetectionSeed) + ", method " +
                  std::to_string(static_cast<int>(method)));
     EXPECT_GE(following.hits, still.hits - still.hits / 20 - kMayDiffer) << "of " << still.required;
@@ -109,8 +129,8 @@ TEST(VortexDetection, FollowingTheSpotsCostsNoVortices) {
 TEST(VortexDetection, TheClassifierFollowsTheLevel) {
   SimulatorOptions sky = turbulence(1000.0, kFramesToCompare);
   sky.background_e = 10.0;
-  const Counts known = count(DetectMethod::kClassifier, kFramesToCompare);
-  const Counts counts = count(DetectMethod::kClassifier, sky);
+  const Counts known = count(DetectMethod::kClassifier, usual_frames());
+  const Counts counts = count(DetectMethod::kClassifier, DrawnFrames(sky));
   EXPECT_LE(counts.false_alarms, 3 * kFramesToCompare);
   EXPECT_GE(counts.hits, known.hits / 2 - kMayDiffer) << "of " << counts.required;  // noisier, too
 }
@@ -121,9 +141,9 @@ TEST(VortexDetection, TheClassifierFollowsTheSpots) {
   SimulatorOptions tilted = turbulence(1000.0, 6);
   tilted.window_px = 12;
   tilted.stray_light = StrayLight::kNeighbours;
-  const Counts straight = count(DetectMethod::kClassifier, tilted);
+  const Counts straight = count(DetectMethod::kClassifier, DrawnFrames(tilted));
   tilted.scene.tilt_x_rad = 5.0 * 2.0 * std::numbers::pi / tilted.samples_per_lambda_w;
-  const Counts counts = count(DetectMethod::kClassifier, tilted);
+  const Counts counts = count(DetectMethod::kClassifier, DrawnFrames(tilted));
   EXPECT_GE(counts.hits, straight.hits * 8 / 10) << "of " << counts.required;
   EXPECT_LE(counts.false_alarms, straight.false_alarms + straight.hits / 5);
 }

@@ -75,9 +75,7 @@ TEST(ModeResultsFile, CoefficientsAndFiguresAreThoseThatWereSimulated) {
   EXPECT_NEAR(rms_rad, std::sqrt(0.09 + 0.04 + 0.0225 + 0.01), 0.01) << "as over the disc";
   const double rms_nm = rms_rad / (2.0 * std::numbers::pi) * wavelength_m * 1e9;
   for (std::size_t frame = 0; frame < 3; ++frame) {
-    // The split goes from lenslet to lenslet by the mean of both slopes. Of Noll 11 this makes too
-    // much curvature, which is 1.3 % of this phase; the coefficients above have none of it.
-    EXPECT_NEAR(column(file, "WAVEFRONT", "RMS_NM")[frame], rms_nm, 0.02 * rms_nm);
+    EXPECT_NEAR(column(file, "WAVEFRONT", "RMS_NM")[frame], rms_nm, 0.01 * rms_nm);
     EXPECT_NEAR(column(file, "WAVEFRONT", "STREHL")[frame], std::exp(-rms_rad * rms_rad), 0.01);
     EXPECT_NEAR(column(file, "WAVEFRONT", "TILT_X_WAVES")[frame],
                 4.0 * 0.4 / (2.0 * std::numbers::pi), 0.01);

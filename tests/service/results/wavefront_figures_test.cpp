@@ -1,0 +1,99 @@
+// The rms and the peak to valley of wavefronts that are known, from the split of their slopes.
+#include "service/results/wavefront_figures.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/zernike.h"
+#include "reconstruct/split.h"
+#include "tests/support/mean_slopes.h"
+#include "tests/support/pupils.h"
+
+namespace curlew {
+namespace {
+
+WavefrontFigures figures_of(const Phase& phase, const Image<std::uint8_t>& lit,
+                            const Image<std::uint8_t>& valid) {
+  const SplitPlan plan(lit, {});
+  SplitWorkspace workspace(plan);
+  HodgeSplit split(lit.rows(), lit.cols());
+  split_slopes(plan, slopes_of(phase, valid), workspace, split);
+  return measure_wavefront(split.phase, valid);
+}
+
+/// Returns the figures of the phase itself at the centres of the lenslets.
+WavefrontFigures true_figures(const Phase& phase, const Image<std::uint8_t>& valid) {
+  double sum = 0.0;
+  double mean = 0.0;
+  double low = 1e9;
+  double high = -1e9;
+  int count = 0;
+  for (int row = 0; row < valid.rows(); ++row)
+    for (int col = 0; col < valid.cols(); ++col) {
+      if (valid(row, col) == 0) continue;
+      const double value = phase(col, row);
+      sum += value * value;
+      mean += value;
+      low = std::min(low, value);
+      high = std::max(high, value);
+      ++count;
+    }
+  mean /= count;
+  return {std::sqrt(sum / count - mean * mean), high - low};
+}
+
+/// The lenslets' centres have their own plane; the polynomials with tilts in them are left out.
+Phase even_mode(int noll, double radius) {
+  return [z = Zernike(noll), radius](double x, double y) {
+    return z((x - 9.5) / radius, (y - 9.5) / radius);
+  };
+}
+
+TEST(WavefrontFigures, OfZernikesAreTheirOwnWithinOnePercent) {
+  const Image<std::uint8_t> lit = testing::round_pupil(20);
+  for (const int noll : {4, 5, 6, 11, 12, 13, 14, 15}) {
+    const Phase phase = even_mode(noll, 10.0);
+    const WavefrontFigures truth = true_figures(phase, lit);
+    const WavefrontFigures found = figures_of(phase, lit, lit);
+    EXPECT_NEAR(found.rms_rad, truth.rms_rad, 0.005 * truth.rms_rad) << "Noll " << noll;
+    EXPECT_NEAR(found.peak_to_valley_rad, truth.peak_to_valley_rad, 0.02 * truth.peak_to_valley_rad)
+        << "Noll " << noll;
+  }
+}
+
+TEST(WavefrontFigures, FadedLensletsAndAnnuliChangeThemLittle) {
+  std::mt19937 random(5);
+  std::cout << "seed 5\n";
+  const Image<std::uint8_t> lit = testing::annular_pupil(20, 0.3);
+  const Image<std::uint8_t> valid = testing::knock_out(lit, 0.05, random);
+  const Phase phase = even_mode(11, 10.0);
+  const WavefrontFigures truth = true_figures(phase, valid);
+  EXPECT_NEAR(figures_of(phase, lit, valid).rms_rad, truth.rms_rad, 0.01 * truth.rms_rad);
+}
+
+TEST(WavefrontFigures, OfAPlaneAreZeroAndOfALineUnknown) {
+  const Image<std::uint8_t> lit = testing::square_pupil(6);
+  const Phase plane = [](double x, double y) { return 0.3 * x - 0.2 * y; };
+  EXPECT_NEAR(figures_of(plane, lit, lit).rms_rad, 0.0, 1e-5);
+  EXPECT_TRUE(
+      std::isnan(measure_wavefront(Image<float>(1, 6), Image<std::uint8_t>(1, 6, 1)).rms_rad));
+}
+
+TEST(WavefrontFigures, AWaveHasItsOwnHeight) {
+  // Periods of 10 lenslets in several directions: k² · 5/48 is .041 of the height.
+  const Image<std::uint8_t> lit = testing::square_pupil(40);
+  const double k = 2.0 * std::numbers::pi / 10.0;
+  for (const double direction : {0.0, 0.3, std::numbers::pi / 4.0}) {
+    const Phase phase = [&](double x, double y) {
+      return std::sin(k * (x * std::cos(direction) + y * std::sin(direction)));
+    };
+    const double truth = true_figures(phase, lit).rms_rad;
+    EXPECT_NEAR(figures_of(phase, lit, lit).rms_rad, truth, 0.015 * truth) << direction;
+  }
+}
+
+}  // namespace
+}  // namespace curlew
