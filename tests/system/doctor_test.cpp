@@ -489,20 +489,20 @@ TEST(Doctor, TellsPrograms) {
   write_bytes(scratch / "c.toml", "[camera]\nsocket_buffer_bytes = 1073741824\n");
   const ProgramRun run = run_curlew(scratch, "doctor --json --seconds 0.05 --config c.toml");
   ASSERT_EQ(run.exit_code, 0) << run.err;
-  const auto json = nlohmann::json::parse(run.out);
-  EXPECT_TRUE(json["ready"].is_boolean());
-  EXPECT_GE(json["checks"].size(), 18U);
+  const auto told = nlohmann::json::parse(run.out);
+  EXPECT_TRUE(told["ready"].is_boolean());
+  EXPECT_GE(told["checks"].size(), 18U);
   bool any_bad = false;
-  for (const auto& check : json["checks"]) {
+  for (const auto& check : told["checks"]) {
     EXPECT_THAT(kVerdictWords, Contains(check["verdict"].get<std::string>()));
     any_bad = any_bad || check["verdict"] == "bad";
     if (check["name"] == "socket buffer") {
       EXPECT_THAT(check["found"].get<std::string>(), HasSubstr("1073741824"));
     }
   }
-  EXPECT_EQ(json["ready"].get<bool>(), !any_bad);
-  EXPECT_GE(json["wakeup_jitter_us"]["ordinary"]["wakeups"].get<int>(), 1);
-  const auto& ordinary = json["wakeup_jitter_us"]["ordinary"];
+  EXPECT_EQ(told["ready"].get<bool>(), !any_bad);
+  EXPECT_GE(told["wakeup_jitter_us"]["ordinary"]["wakeups"].get<int>(), 1);
+  const auto& ordinary = told["wakeup_jitter_us"]["ordinary"];
   EXPECT_LE(ordinary["p50"].get<double>(), ordinary["max"].get<double>());
 }
 

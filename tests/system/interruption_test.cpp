@@ -41,10 +41,11 @@ class Interruption : public ::testing::Test {
   }
   static void TearDownTestSuite() { good_.reset(); }
 
-  std::unique_ptr<Process> start(std::vector<std::string> arguments,
+  std::unique_ptr<Process> start(const std::vector<std::string>& arguments,
                                  void (*before_exec)() = nullptr) {
-    arguments.insert(arguments.begin(), kCurlewProgram);
-    return std::make_unique<Process>(arguments, scratch_ / "out", scratch_ / "err", before_exec);
+    std::vector<std::string> command{kCurlewProgram};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    return std::make_unique<Process>(command, scratch_ / "out", scratch_ / "err", before_exec);
   }
 
   /// Expects that the signal ends the program soon, with this exit code and words.
