@@ -10,8 +10,9 @@ namespace curlew {
 
 namespace {
 
-/// Returns the second difference along the rows or the columns, at the lenslet or, where it has one
-/// neighbour only, at that neighbour; 0 where no three valid lenslets are in a line.
+/// Returns the second difference along the rows or the columns. Where the lenslet has one neighbour
+/// only it is that of the neighbour, or lies on the straight line through those of the next two; it
+/// is 0 where no three valid lenslets are in a line.
 double second_difference(const Image<float>& phase, const Image<std::uint8_t>& valid, int row,
                          int col, int down, int right) {
   const auto is_valid = [&](int steps) {
@@ -22,9 +23,17 @@ double second_difference(const Image<float>& phase, const Image<std::uint8_t>& v
   const auto at = [&](int steps) {
     return static_cast<double>(phase(row + steps * down, col + steps * right));
   };
-  for (const int middle : {0, 1, -1})
-    if (is_valid(middle - 1) && is_valid(middle) && is_valid(middle + 1))
-      return at(middle - 1) - 2.0 * at(middle) + at(middle + 1);
+  const auto is_known = [&](int middle) {
+    return is_valid(middle - 1) && is_valid(middle) && is_valid(middle + 1);
+  };
+  const auto difference = [&](int middle) {
+    return at(middle - 1) - 2.0 * at(middle) + at(middle + 1);
+  };
+  if (is_known(0)) return difference(0);
+  for (const int inwards : {1, -1})
+    if (is_known(inwards))
+      return is_known(2 * inwards) ? 2.0 * difference(inwards) - difference(2 * inwards)
+                                   : difference(inwards);
   return 0.0;
 }
 

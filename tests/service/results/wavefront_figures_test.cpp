@@ -58,7 +58,7 @@ TEST(WavefrontFigures, OfZernikesAreTheirOwnWithinOnePercent) {
     const Phase phase = even_mode(noll, 10.0);
     const WavefrontFigures truth = true_figures(phase, lit);
     const WavefrontFigures found = figures_of(phase, lit, lit);
-    EXPECT_NEAR(found.rms_rad, truth.rms_rad, 0.005 * truth.rms_rad) << "Noll " << noll;
+    EXPECT_NEAR(found.rms_rad, truth.rms_rad, 0.01 * truth.rms_rad) << "Noll " << noll;
     EXPECT_NEAR(found.peak_to_valley_rad, truth.peak_to_valley_rad, 0.02 * truth.peak_to_valley_rad)
         << "Noll " << noll;
   }
@@ -88,7 +88,7 @@ TEST(WavefrontFigures, AWaveHasItsOwnHeight) {
   const double k = 2.0 * std::numbers::pi / 10.0;
   for (const double direction : {0.0, 0.3, std::numbers::pi / 4.0}) {
     const Phase phase = [&](double x, double y) {
-      return std::sin(k * (x * std::cos(direction) + y * std::sin(direction)));
+      return std::cos(k * ((x - 19.5) * std::cos(direction) + (y - 19.5) * std::sin(direction)));
     };
     const double truth = true_figures(phase, lit).rms_rad;
     EXPECT_NEAR(figures_of(phase, lit, lit).rms_rad, truth, 0.015 * truth) << direction;
