@@ -15,8 +15,7 @@
 #include "core/error.h"
 #include "core/stage_timer.h"
 #include "reconstruct/modes/mode_fit.h"
-#include "service/results/mode_results.h"
-#include "service/results/wavefront_figures.h"
+#include "service/results/wavefront_meter.h"
 #include "service/sensor/sensor_file.h"
 #include "service/stages.h"
 
@@ -66,9 +65,14 @@ struct InProcess {
   FrameSlot slot;
   FrameBuffer frame;
   std::atomic<bool> busy{false};
-  // Made when they are first asked for.
-  std::optional<ModePlan> modes;
-  std::optional<ModeFit> fit;
+
+  WavefrontMeter& meter() {
+    if (!meter_) meter_.emplace(plan.split);
+    return *meter_;
+  }
+
+ private:
+  std::optional<WavefrontMeter> meter_;  ///< made when it is first asked for
 };
 
 /// What was found in the newest frame. Its arrays are views on the pipeline's own memory.
@@ -111,20 +115,16 @@ py::array vortices_of(const py::object& self) {
 }
 
 py::tuple zernike_of(const FrameResults& results) {
-  InProcess& state = results.state();
-  if (!state.fit) {
-    state.modes.emplace(modes_of(state.plan));
-    state.fit.emplace(*state.modes);
-  }
-  state.fit->fit(results.slot().slopes);
-  const Eigen::VectorXd& c = state.fit->coefficients();
-  const Eigen::VectorXd& errors = state.fit->find_errors(results.slot().slopes);
+  ModeFit& fit = results.state().meter().fit();
+  fit.fit(results.slot().slopes);
+  const Eigen::VectorXd& c = fit.coefficients();
+  const Eigen::VectorXd& errors = fit.find_errors(results.slot().slopes);
   return py::make_tuple(py::array(c.size(), c.data()), py::array(errors.size(), errors.data()));
 }
 
 py::dict wavefront_of(const FrameResults& results) {
   const FrameSlot& slot = results.slot();
-  const WavefrontFigures figures = measure_wavefront(slot.split.phase, slot.slopes.valid);
+  const WavefrontFigures figures = results.state().meter().measure(slot.split.phase, slot.slopes);
   const double wavelength_m = results.state().plan.optics.wavelength_m;
   py::dict named;
   named["rms_rad"] = figures.rms_rad;

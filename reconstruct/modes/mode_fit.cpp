@@ -124,6 +124,13 @@ void ModePlan::orthonormalise() {
   annular_from_disc_ = factor.bottomRightCorner(modes(), modes()).transpose();
 }
 
+void ModePlan::put_slopes(int i, SlopeField& slopes) const {
+  for (std::size_t at = 0; at < lenslets_.size(); ++at) {
+    slopes.x[lenslets_[at]] = static_cast<float>(slopes_x_(i, static_cast<Eigen::Index>(at)));
+    slopes.y[lenslets_[at]] = static_cast<float>(slopes_y_(i, static_cast<Eigen::Index>(at)));
+  }
+}
+
 ModeResponse ModePlan::response() const {
   const Eigen::LLT<Eigen::MatrixXd> factor(normal_);
   if (modes() == 0 || factor.info() != Eigen::Success || !tells_apart(factor)) return {};

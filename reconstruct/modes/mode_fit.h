@@ -34,6 +34,8 @@ class ModePlan {
   int modes() const { return static_cast<int>(zernikes_.size()); }
   /// The polynomial of mode i, over the disc.
   const Zernike& zernike(int i) const { return zernikes_[static_cast<std::size_t>(i)]; }
+  /// Sets x and y of the lit lenslets to the slopes of 1 rad of mode i, over the disc.
+  void put_slopes(int i, SlopeField& slopes) const;
   /// Returns how the coefficients follow where no lenslet is missing; of no lenslets where the lit
   /// ones do not tell the modes apart.
   ModeResponse response() const;
@@ -67,6 +69,8 @@ class ModeFit {
 
   /// Coefficients in rad rms, [modes].
   const Eigen::VectorXd& coefficients() const { return coefficients_; }
+  /// The same fit in the modes of the disc, if the last fit() was one.
+  const Eigen::VectorXd& disc_coefficients() const { return right_; }
 
   /// Call it after fit() with the same slopes. Returns the standard errors of the coefficients,
   /// [modes], rad rms, as they follow from the slopes' variances; NaN where fit() gave none. What

@@ -22,7 +22,7 @@ void FrameStore::add(const FrameSlot& slot, std::int64_t dropped) {
       copy_.copy(slot, dropped);
     }
     message = plan_.frame(copy_, "");
-    point = frame_point(copy_);
+    point = plan_.point(copy_);
   }
   const std::lock_guard lock(mutex_);
   latencies_.push_back(slot.latency);

@@ -45,7 +45,7 @@ class FrameStore final : public PageSource {
 
   std::mutex mutex_;  // It guards everything below.
   std::vector<PageMessage> frames_;
-  std::vector<std::string> points_;      ///< of these frames: frame_point()
+  std::vector<std::string> points_;      ///< of these frames: PagePlan::point()
   std::vector<FrameLatency> latencies_;  ///< of all frames
   std::size_t bytes_ = 0;
   std::int64_t every_ = 1;  ///< of so many frames one is kept

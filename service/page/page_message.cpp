@@ -11,8 +11,6 @@
 #include "service/results/beam_json.h"
 #include "service/results/json_float.h"
 #include "service/results/json_line.h"
-#include "service/results/mode_results.h"
-#include "service/results/wavefront_figures.h"
 
 namespace curlew {
 namespace {
@@ -83,9 +81,10 @@ Json optics_of(const Plan& plan) {
           {"bit_depth", detector.bit_depth}};
 }
 
-Json zernike_of(const ModePlan& modes, ModeFit& fit, const SlopeField& slopes) {
+/// Returns the coefficients that a fit has; none where it could not be made.
+Json zernike_of(const ModePlan& modes, const ModeFit& fit) {
   Json list = Json::array();
-  if (modes.modes() == 0 || !fit.fit(slopes)) return list;
+  if (modes.modes() == 0 || !std::isfinite(fit.coefficients()[0])) return list;
   for (int i = 0; i < modes.modes(); ++i) {
     const Zernike& mode = modes.zernike(i);
     list.push_back(
@@ -114,8 +113,7 @@ Light light_of(const FrameCopy& copy) {
   return {sum, squares * copy.slopes.n_valid / (sum * sum) - 1.0};
 }
 
-Json figures_of(const FrameCopy& copy, double pitch_m) {
-  const WavefrontFigures figures = measure_wavefront(copy.map(PageMap::kPhase), copy.slopes.valid);
+Json figures_of(const FrameCopy& copy, const WavefrontFigures& figures, double pitch_m) {
   const Light light = light_of(copy);
   return {{"rms_rad", known(figures.rms_rad)},
           {"pv_rad", known(figures.peak_to_valley_rad)},
@@ -135,8 +133,7 @@ PagePlan::PagePlan(std::shared_ptr<const Plan> plan, std::int64_t number, std::s
     : plan_(std::move(plan)),
       number_(number),
       title_(std::move(title)),
-      modes_(modes_of(*plan_)),
-      fit_(modes_) {}
+      meter_(plan_->split) {}
 
 PageMessage PagePlan::description() const {
   const LensletGrid& grid = plan_->grid;
@@ -177,13 +174,14 @@ PageMessage PagePlan::description() const {
 }
 
 PageMessage PagePlan::frame(const FrameCopy& copy, const std::string& tail) {
+  const WavefrontFigures figures = meter_.measure(copy.map(PageMap::kPhase), copy.slopes);
   std::string json = R"({"kind":"frame","plan":)" + std::to_string(number_) + R"(,"result":)";
   append_json_line(copy.result, json);
   json.pop_back();  // the line feed
   json += R"(,"scale_adu":)" + Json(copy.format.scale_adu).dump() + R"(,"zero_adu":)" +
           Json(copy.format.zero_adu).dump() + R"(,"figures":)" +
-          figures_of(copy, plan_->optics.pitch_m).dump() + R"(,"zernike":)" +
-          zernike_of(modes_, fit_, copy.slopes).dump() + tail;
+          figures_of(copy, figures, plan_->optics.pitch_m).dump() + R"(,"zernike":)" +
+          zernike_of(meter_.modes(), meter_.fit()).dump() + tail;
   Arrays arrays;
   const FrameFormat& format = copy.format;
   arrays.add("pixels", format.pixel_type == PixelType::kU8 ? "u8" : "u16", format.rows, format.cols,
@@ -197,13 +195,13 @@ PageMessage PagePlan::frame(const FrameCopy& copy, const std::string& tail) {
   return arrays.message(std::move(json));
 }
 
-std::string frame_point(const FrameCopy& copy) {
+std::string PagePlan::point(const FrameCopy& copy) {
   Json tracks = Json::array();
   for (const Vortex& vortex : copy.result.vortices)
     if (vortex.track >= 0)
       tracks.push_back({vortex.track, static_cast<int>(vortex.charge), json_float(vortex.x),
                         json_float(vortex.y)});
-  const WavefrontFigures figures = measure_wavefront(copy.map(PageMap::kPhase), copy.slopes.valid);
+  const WavefrontFigures figures = meter_.measure(copy.map(PageMap::kPhase), copy.slopes);
   const Json point{
       {"frame", copy.result.frame_index}, {"vortices", copy.result.vortices.size()},
       {"rms", known(figures.rms_rad)},    {"scintillation", known(light_of(copy).scintillation)},

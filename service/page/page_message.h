@@ -5,8 +5,8 @@
 #include <memory>
 #include <string>
 
-#include "reconstruct/modes/mode_fit.h"
 #include "service/page/frame_copy.h"
+#include "service/results/wavefront_meter.h"
 #include "service/stages.h"
 
 namespace curlew {
@@ -33,18 +33,17 @@ class PagePlan {
   /// Returns a frame with its results. tail: further JSON, empty or beginning with a comma.
   PageMessage frame(const FrameCopy& copy, const std::string& tail);
 
+  /// Returns what the page charts over time of a frame, an object with frame, vortices, rms,
+  /// scintillation, lost and tracks: a list of [track, charge, x, y]; null stands for what is not
+  /// known.
+  std::string point(const FrameCopy& copy);
+
  private:
   std::shared_ptr<const Plan> plan_;
   std::int64_t number_;
   std::string title_;
-  ModePlan modes_;
-  ModeFit fit_;
+  WavefrontMeter meter_;
 };
-
-/// Returns what the page charts over time of a frame, an object with frame, vortices, rms,
-/// scintillation, lost and tracks: a list of [track, charge, x, y]; null stands for what is not
-/// known.
-std::string frame_point(const FrameCopy& copy);
 
 /// Returns a message without arrays. json: an object.
 PageMessage plain_message(std::string json);

@@ -5,7 +5,7 @@
 #include <cstring>
 
 #include "core/error.h"
-#include "service/results/mode_results.h"
+#include "service/results/wavefront_meter.h"
 #include "service/setting_words.h"
 
 namespace curlew {
@@ -198,7 +198,7 @@ StreamPublisher::StreamPublisher(const PublishOptions& options, const Plan& plan
 }
 
 void StreamPublisher::make_modes(const Plan& plan) {
-  mode_plan_ = std::make_unique<const ModePlan>(modes_of(plan));
+  mode_plan_ = std::make_unique<const ModePlan>(modes_of(plan.split));
   if (mode_plan_->modes() == 0)
     throw UsageError("the stream 'zernike' needs more lenslets; take it out of [publish] streams");
   modes_ = std::make_unique<ModeFit>(*mode_plan_);

@@ -1,12 +1,12 @@
 #include "service/results/frame_modes.h"
 
 #include "core/error.h"
-#include "service/results/mode_results.h"
+#include "service/results/wavefront_meter.h"
 
 namespace curlew {
 
 FrameModes::FrameModes(const Plan& plan)
-    : sensor_hash_(plan.sensor_hash), plan_(modes_of(plan)), fit_(plan_) {
+    : sensor_hash_(plan.sensor_hash), plan_(modes_of(plan.split)), fit_(plan_) {
   if (plan_.modes() == 0)
     throw UsageError(
         "Zernike coefficients in JSON lines need more lenslets; take out jsonl_zernike in section "

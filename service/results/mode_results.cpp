@@ -12,13 +12,6 @@
 namespace curlew {
 namespace {
 
-Image<std::uint8_t> lit_lenslets(const Lattice& lattice) {
-  Image<std::uint8_t> lit(lattice.rows(), lattice.cols());
-  for (std::size_t k = 0; k < lit.size(); ++k)
-    lit[k] = lattice.phase_group_of(static_cast<int>(k)) >= 0 ? 1 : 0;
-  return lit;
-}
-
 /// Writes the rows of a table of floats as the pixels of the current image.
 void write_rows(FitsFile& file, const RowTable& table) {
   std::int64_t first = 0;
@@ -34,14 +27,11 @@ void write_rows(FitsFile& file, const RowTable& table) {
 
 }  // namespace
 
-ModePlan modes_of(const Plan& plan) { return {lit_lenslets(plan.split.lattice()), kLastNoll}; }
-
 ModeResults::ModeResults(const Plan& plan, const std::string& beside)
-    : plan_(modes_of(plan)),
-      fit_(plan_),
+    : meter_(plan.split),
       wavelength_m_(plan.optics.wavelength_m),
-      coefficients_("", std::vector<ColumnSpec>(as_size(plan_.modes()), {"", 'E', "rad"}), beside),
-      errors_("", std::vector<ColumnSpec>(as_size(plan_.modes()), {"", 'E', "rad"}), beside),
+      coefficients_("", std::vector<ColumnSpec>(as_size(meter_.modes().modes()), {"", 'E', "rad"}), beside),
+      errors_("", std::vector<ColumnSpec>(as_size(meter_.modes().modes()), {"", 'E', "rad"}), beside),
       wavefront_("WAVEFRONT",
                  {{"FRAME", 'K', ""},
                   {"RMS_RAD", 'D', "rad"},
@@ -55,14 +45,13 @@ ModeResults::ModeResults(const Plan& plan, const std::string& beside)
                  beside) {}
 
 void ModeResults::add(const FrameSlot& slot) {
-  fit_.fit(slot.slopes);
-  const Eigen::VectorXd& c = fit_.coefficients();
+  const WavefrontFigures figures = meter_.measure(slot.split.phase, slot.slopes);
+  const Eigen::VectorXd& c = meter_.fit().coefficients();
   for (const double coefficient : c) coefficients_.put(coefficient);
-  for (const double error : fit_.find_errors(slot.slopes)) errors_.put(error);
-  const WavefrontFigures figures = measure_wavefront(slot.split.phase, slot.slopes.valid);
+  for (const double error : meter_.fit().find_errors(slot.slopes)) errors_.put(error);
   // From rim to rim of the disc Z2 and Z3 go from −2 to 2, and from centre to rim Z4 by 2√3. Over
   // an annulus of inner radius ε the modes are Z2/√(1 + ε²) and Z4/(1 − ε²), but for the piston.
-  const double e2 = plan_.pupil().obscuration * plan_.pupil().obscuration;
+  const double e2 = std::pow(meter_.modes().pupil().obscuration, 2);
   const double waves = 1.0 / (2.0 * std::numbers::pi);
   const double tilt = 4.0 * waves / std::sqrt(1.0 + e2);
   const double sag = 2.0 * std::sqrt(3.0) * waves / (1.0 - e2);
@@ -75,9 +64,10 @@ void ModeResults::add(const FrameSlot& slot) {
 }
 
 void ModeResults::write(FitsFile& file) const {
-  const std::int64_t modes = plan_.modes();
+  const ModePlan& plan = meter_.modes();
+  const std::int64_t modes = plan.modes();
   file.create_image(ElementType::kF32, {coefficients_.rows(), modes}, "ZERNIKE", "rad");
-  const ZernikePupil& pupil = plan_.pupil();
+  const ZernikePupil& pupil = plan.pupil();
   file.write_key("ZERNX", pupil.x, "centre of the pupil, lenslet units");
   file.write_key("ZERNY", pupil.y, "centre of the pupil, lenslet units");
   file.write_key("ZERNR", pupil.radius, "radius of the pupil, pitches");
@@ -86,8 +76,8 @@ void ModeResults::write(FitsFile& file) const {
   file.create_image(ElementType::kF32, {errors_.rows(), modes}, "ZERNIKE_ERR", "rad");
   write_rows(file, errors_);
   MemoryTable names("ZERNIKE_MODES", {{"NOLL", 'J', ""}, {"N", 'J', ""}, {"M", 'J', ""}});
-  for (int i = 0; i < plan_.modes(); ++i) {
-    const Zernike& zernike = plan_.zernike(i);
+  for (int i = 0; i < plan.modes(); ++i) {
+    const Zernike& zernike = plan.zernike(i);
     // Noll's odd indices are the sines, which have a negative m in OSA's numbering.
     const int noll = i + 2;
     const int m = zernike.azimuthal_order();

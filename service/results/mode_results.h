@@ -4,18 +4,11 @@
 #include <string>
 
 #include "acquisition/fits/fits_file.h"
-#include "reconstruct/modes/mode_fit.h"
 #include "service/results/row_table.h"
-#include "service/results/wavefront_figures.h"
+#include "service/results/wavefront_meter.h"
 #include "service/stages.h"
 
 namespace curlew {
-
-/// The last of Noll's modes in results; with it there are seven radial orders.
-inline constexpr int kLastNoll = 36;
-
-/// Returns the modes for the plan's lit lenslets: seven radial orders, or as many as they allow.
-ModePlan modes_of(const Plan& plan);
 
 class ModeResults {
  public:
@@ -28,8 +21,7 @@ class ModeResults {
   void write(FitsFile& file) const;
 
  private:
-  ModePlan plan_;
-  ModeFit fit_;
+  WavefrontMeter meter_;
   double wavelength_m_;
   RowTable coefficients_;  ///< [frames, modes]
   RowTable errors_;        ///< [frames, modes]

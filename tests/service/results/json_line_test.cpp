@@ -6,7 +6,7 @@
 
 #include "acquisition/simulator/simulator.h"
 #include "service/results/frame_modes.h"
-#include "service/results/mode_results.h"
+#include "service/results/wavefront_meter.h"
 #include "tests/support/allocation_counter.h"
 #include "tests/support/exact_sensor.h"
 
@@ -51,7 +51,7 @@ TEST_F(JsonLineTest, HasZernikesOnlyWhereTheyWereFitted) {
   result_.zernike.reserve(kLastNoll);
   EXPECT_EQ(allocations_of_this_thread([&] { modes.fit(slot_, result_.zernike); }), 0);
   const nlohmann::json zernike = line()["zernike"];
-  const ModePlan plan = modes_of(plan_);
+  const ModePlan plan = modes_of(plan_.split);
   ASSERT_EQ(zernike.size(), static_cast<std::size_t>(plan.modes()));
   // Z2 is 2x/R, so a tilt of s rad a pitch has the coefficient s R/2. Spots cut off by their
   // windows make the measured tilt a few per cent less.
