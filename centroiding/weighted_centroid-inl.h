@@ -89,8 +89,8 @@ inline void find_weighted(const CentroidPlan& plan, const Windows& windows, floa
   const V rx = response(sum_xx), ry = response(sum_yy);
   // The variance is widened, so that D beyond 2.8 to 3.8 σ is about as frequent as for a Gaussian
   // (Monte Carlo on sinc² spots of 200 and 1000 photons). It is widened by 11/F because the
-  // variance scatters with the photons that it is estimated from, see kWidening, and by 5.5 % for
-  // the light in the spot's rings.
+  // variance scatters with the photons that it is estimated from, see kPhotonWidening, and by 5.5 %
+  // for the light in the spot's rings.
   const V flux = hn::Add(sum, sum);
   const V widened = hn::Add(set(1.055F), ratio(hn::Mul(set(11.0F), windows.per_count), flux));
   // The sums over all pixels may be negative, because Σ k·I may be. Read noise alone makes them

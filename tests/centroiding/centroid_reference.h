@@ -53,7 +53,7 @@ inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& for
       std::max({options.threshold_adu / format.scale_adu, options.threshold_noise * read_noise,
                 options.threshold_relative * peak});
   const double c = threshold / e_per_count + read_noise * read_noise + 1.0 / 12.0;
-  const double width = 0.7 * std::sqrt(c) + 1.5 / e_per_count;
+  const double width = 0.73 * std::sqrt(c) + 1.3 / e_per_count;
   const double mean_gain = gains / static_cast<double>(pixels.size());
 
   const auto variance = [&](double v) {
@@ -77,9 +77,9 @@ inline ReferenceSpot reference_spot(const Sensor& sensor, const FrameFormat& for
   spot.x_px = x;
   spot.y_px = y;
   const double photons_part = flux / e_per_count / flux_variance;
-  const double few = 10.5 / (flux * e_per_count);
-  const double widening =
-      1.0 + few * photons_part * photons_part + std::pow(std::min(few, 0.65), 3.0);
+  const double relative_variance = flux_variance * mean_gain / (flux * flux);
+  const double widening = 1.0 + 12.0 * std::pow(photons_part, 4.0) / (flux * e_per_count) +
+                          std::min(500.0 * std::pow(relative_variance, 3.0), 0.45);
   for (const Pixel& p : pixels) {
     const double v = std::max(p.light - threshold, 0.0);
     const double q = variance(v) * mean_gain / (flux * flux) * widening;
