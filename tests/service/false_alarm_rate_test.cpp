@@ -127,17 +127,19 @@ TEST_P(FollowedFalseAlarms, AreAsManyAsStated) {
   pipeline.run(feed, publisher);
   const auto frames = static_cast<double>(options.frames);
   const double ratio = static_cast<double>(alarms) / frames;
-  std::printf("%.0f photons, %.0f e-: asked 1 a frame, had %.3f\n", options.photons,
+  std::printf("%.0f photons, %.1f e-: asked 1 a frame, had %.3f\n", options.photons,
               options.read_noise_e, ratio);
   EXPECT_NEAR(ratio, 1.0, 0.20 + (options.frames < 250 ? 3.0 : 1.0) / std::sqrt(frames));
 }
 
 INSTANTIATE_TEST_SUITE_P(Light, FollowedFalseAlarms,
-                         ::testing::Values(Seen{150.0, 1.0}, Seen{200.0, 1.0}, Seen{300.0, 3.0},
-                                           Seen{1000.0, 1.0}, Seen{1000.0, 9.0}),
+                         ::testing::Values(Seen{75.0, 1.0}, Seen{100.0, 0.5}, Seen{100.0, 1.0},
+                                           Seen{200.0, 1.0}, Seen{300.0, 3.0}, Seen{1000.0, 1.0},
+                                           Seen{1000.0, 9.0}, Seen{5000.0, 1.0}),
                          [](const auto& seen) {
+                           const auto tenths = static_cast<int>(10.0 * seen.param.read_noise_e);
                            return std::to_string(static_cast<int>(seen.param.photons)) + "photons" +
-                                  std::to_string(static_cast<int>(seen.param.read_noise_e)) + "e";
+                                  std::to_string(tenths) + "tenths";
                          });
 
 INSTANTIATE_TEST_SUITE_P(Photons, FalseAlarmRate,
