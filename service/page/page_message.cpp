@@ -130,10 +130,7 @@ Json figures_of(const FrameCopy& copy, const WavefrontFigures& figures, double p
 }  // namespace
 
 PagePlan::PagePlan(std::shared_ptr<const Plan> plan, std::int64_t number, std::string title)
-    : plan_(std::move(plan)),
-      number_(number),
-      title_(std::move(title)),
-      meter_(plan_->split) {}
+    : plan_(std::move(plan)), number_(number), title_(std::move(title)), meter_(plan_->split) {}
 
 PageMessage PagePlan::description() const {
   const LensletGrid& grid = plan_->grid;

@@ -30,8 +30,10 @@ void write_rows(FitsFile& file, const RowTable& table) {
 ModeResults::ModeResults(const Plan& plan, const std::string& beside)
     : meter_(plan.split),
       wavelength_m_(plan.optics.wavelength_m),
-      coefficients_("", std::vector<ColumnSpec>(as_size(meter_.modes().modes()), {"", 'E', "rad"}), beside),
-      errors_("", std::vector<ColumnSpec>(as_size(meter_.modes().modes()), {"", 'E', "rad"}), beside),
+      coefficients_("", std::vector<ColumnSpec>(as_size(meter_.modes().modes()), {"", 'E', "rad"}),
+                    beside),
+      errors_("", std::vector<ColumnSpec>(as_size(meter_.modes().modes()), {"", 'E', "rad"}),
+              beside),
       wavefront_("WAVEFRONT",
                  {{"FRAME", 'K', ""},
                   {"RMS_RAD", 'D', "rad"},
