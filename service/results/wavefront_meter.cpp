@@ -99,8 +99,8 @@ void WavefrontMeter::split_modes(const SplitPlan& split) {
     split_slopes(split, slopes, workspace, of_mode);
     for (std::size_t i = 0; i < lenslets_.size(); ++i) {
       const auto at = static_cast<Eigen::Index>(i);
-      const auto row = static_cast<double>(lenslets_[i] / as_size(lit.cols()));
-      const auto col = static_cast<double>(lenslets_[i] % as_size(lit.cols()));
+      const int row = static_cast<int>(lenslets_[i]) / lit.cols();
+      const int col = static_cast<int>(lenslets_[i]) % lit.cols();
       phase_of_modes_(at, mode) = static_cast<double>(of_mode.phase[lenslets_[i]]);
       height_of_modes_(at, mode) =
           modes_.zernike(mode)((col - pupil.x) / pupil.radius, (row - pupil.y) / pupil.radius);
