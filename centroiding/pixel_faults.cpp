@@ -77,7 +77,6 @@ bool PixelFaults::is_dead(float here) const noexcept {
 }
 
 bool PixelFaults::is_in_clump(int x, int y) const noexcept {
-  constexpr float kClumpSigmas = 7.0F;
   const auto second = [&](int d) {
     return second_brightest(light(x - d, y), light(x + d, y), light(x, y - d), light(x, y + d));
   };

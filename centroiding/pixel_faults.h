@@ -21,6 +21,7 @@ enum class PixelFault {
 
 /// A pixel this many standard deviations above what light allows is none.
 inline constexpr float kSharpSigmas = 4.5F;
+inline constexpr float kClumpSigmas = 7.0F;
 
 /// How far below the level a pixel is dead, in counts: 6 standard deviations of the noise. It is
 /// infinite where nothing is known of the noise.

@@ -166,8 +166,15 @@ std::uint16_t whole_count(float value) noexcept {
   return static_cast<std::uint16_t>(std::clamp(value, 0.0F, kMost));
 }
 
-float margin_of(const FrameLevels& levels) noexcept {
-  return std::floor(kSharpSigmas * std::sqrt(levels.pixel_variance));
+/// Returns by how many counts a pixel exceeds its neighbours at least, where its light exceeds
+/// theirs by m = sigmas·√(σ² + k·light): no light below that for which m is the light itself does.
+/// Half of that is asked for, so that a gain of 2 loses nothing.
+float margin_of(const FrameLevels& levels, float sigmas, float counts_per_e) noexcept {
+  constexpr float kLeast = 0.5F;
+  const float variance = levels.pixel_variance;
+  const float a = 0.5F * sigmas * sigmas * counts_per_e;
+  const float faintest = a + std::sqrt(a * a + sigmas * sigmas * variance);
+  return std::floor(std::max(kLeast * faintest, kSharpSigmas * std::sqrt(variance)));
 }
 
 }  // namespace
@@ -175,7 +182,8 @@ float margin_of(const FrameLevels& levels) noexcept {
 /// Above a dark level L, light > q·n + m is count > q·n + m − (q − 1)·L. The highest L makes the
 /// test let through all of these. Since no light counts as less than 0, each of them also exceeds n
 /// by m, which noise hardly ever does.
-RoughFaults rough_faults(const SharpPixelPlan& plan, const FrameLevels& levels) noexcept {
+RoughFaults rough_faults(const SharpPixelPlan& plan, const FrameLevels& levels,
+                         float counts_per_e) noexcept {
   const float steepness = std::max(plan.sharpness - 1.0F, 0.0F);
   const float whole = std::floor(steepness);
   const float lowest = plan.low_dark + levels.floor;
@@ -183,19 +191,21 @@ RoughFaults rough_faults(const SharpPixelPlan& plan, const FrameLevels& levels) 
   return {.whole_steepness = whole_count(whole),
           .steepness = whole_count(65536.0F * (steepness - whole)),
           .dark = whole_count(std::ceil(steepness * (plan.dark + levels.bound))),
-          .margin = whole_count(plan.sharpness > 0.0F ? margin_of(levels) : kMost),
+          .margin = whole_count(
+              plan.sharpness > 0.0F ? margin_of(levels, kSharpSigmas, counts_per_e) : kMost),
           .dead = whole_count(std::ceil(darkest - dead_depth(levels))),
           .lit = whole_count(std::floor(lowest + levels.threshold))};
 }
 
 /// The same is n < count/q + (1 − 1/q)·L − m/q. Rounding takes less than two counts.
-RoughClumps rough_clumps(const SharpPixelPlan& plan, const FrameLevels& levels) noexcept {
+RoughClumps rough_clumps(const SharpPixelPlan& plan, const FrameLevels& levels,
+                         float counts_per_e) noexcept {
   constexpr float kRounding = 2.0F;
   const float inverse = 1.0F / plan.clump_sharpness;
   const float highest = plan.dark + levels.bound;
   return {.inverse = whole_count(65536.0F * inverse),
           .dark = whole_count(std::ceil((1.0F - inverse) * highest) + kRounding),
-          .margin = whole_count(margin_of(levels))};
+          .margin = whole_count(margin_of(levels, kClumpSigmas, counts_per_e))};
 }
 
 void search_faults(FrameView frame, int first_row, int last_row, RoughFaults test,

@@ -31,8 +31,11 @@ struct RoughClumps {
   std::uint16_t margin;
 };
 
-RoughFaults rough_faults(const SharpPixelPlan& plan, const FrameLevels& levels) noexcept;
-RoughClumps rough_clumps(const SharpPixelPlan& plan, const FrameLevels& levels) noexcept;
+/// counts_per_e: as CentroidPlan has it.
+RoughFaults rough_faults(const SharpPixelPlan& plan, const FrameLevels& levels,
+                         float counts_per_e) noexcept;
+RoughClumps rough_clumps(const SharpPixelPlan& plan, const FrameLevels& levels,
+                         float counts_per_e) noexcept;
 
 /// Adds those of rows [first_row, last_row) that pass to `found`, but for the pixels of the frame's
 /// rim, which have too few neighbours. first_row is at least 1 and last_row at most the frame's

@@ -180,12 +180,12 @@ int find_sharp_pixels_rows(const SharpPixelPlan& plan, const CentroidPlan& centr
     done = last;
   };
   search(1, sharp.pixel_rows, sharp.candidates, [&](int first, int last, auto& found) {
-    search_faults(frame, first, last, rough_faults(plan, levels), found);
+    search_faults(frame, first, last, rough_faults(plan, levels, centroid.counts_per_e), found);
   });
   int looked_at = sharp.pixel_rows;
   if (plan.clump_sharpness > 0.0F) {
     search(2, sharp.clump_rows, sharp.clump_candidates, [&](int first, int last, auto& found) {
-      search_clumps(frame, first, last, rough_clumps(plan, levels), found);
+      search_clumps(frame, first, last, rough_clumps(plan, levels, centroid.counts_per_e), found);
     });
     looked_at = std::min(looked_at, sharp.clump_rows);
   }

@@ -5,10 +5,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
 
 #include "acquisition/simulator/random_stream.h"
+#include "acquisition/simulator/simulator.h"
 #include "centroiding/centroid_methods.h"
 #include "service/bench/bench_frames.h"
+#include "tests/support/exact_sensor.h"
 
 namespace curlew {
 namespace {
@@ -71,6 +74,35 @@ TEST(SharpPixels, LightIsNoneWhereTheReferenceSpotsLieBetweenPixels) {
   EXPECT_TRUE(sharp.pixels.empty());
   // A Gaussian of σ = 1 px gives its middle pixel .383 of the light and the next .242.
   EXPECT_NEAR(sharp_plan.sharpness, 1.4 * 0.3829 / 0.2417, 1e-3);
+}
+
+// Side lobes are bright along one axis and dark along the other, as a bright line is; but few of
+// their pixels have the light that a line must have beside its own photon noise.
+TEST(SharpPixels, SideLobesAreHardlyLookedAt) {
+  SimulatorOptions options;
+  options.window_px = 10;
+  options.photons = 3000.0;
+  options.seed = kHitSeed;
+  Simulator simulator(options);
+  FrameBuffer frame(simulator.format());
+  ASSERT_EQ(simulator.next(frame), Delivery::kFrame);
+  Sensor sensor = sensor_of(simulator, options.window_px, options.bias_adu);
+  sensor.spot_sharpness = 1.5;
+  sensor.spot_gaussian_px = 0.85;
+  const CentroidPlan plan(sensor, simulator.format());
+  const LevelPlan level_plan(sensor, plan, {});
+  const SharpPixelPlan sharp_plan(sensor, simulator.format());
+  ASSERT_GT(sharp_plan.sharpness, 0.0F);
+  FrameLevels levels(level_plan);
+  SharpPixels sharp(sensor.valid.rows(), sensor.valid.cols());
+  measure_levels(level_plan, level_plan.pixels(), frame.view(), levels);
+  find_sharp_pixels(sharp_plan, plan, plan.spots, frame.view(), levels, sharp);
+  EXPECT_TRUE(sharp.pixels.empty());
+  const auto lenslets = static_cast<double>(sensor.valid.size());
+  std::printf("candidates a lenslet: %.2f faults, %.2f clumps\n",
+              static_cast<double>(sharp.candidates.size()) / lenslets,
+              static_cast<double>(sharp.clump_candidates.size()) / lenslets);
+  EXPECT_LT(static_cast<double>(sharp.candidates.size()) / lenslets, 0.1);
 }
 
 TEST(SharpPixels, HitLensletsAreWhereTheyWouldBeWithoutTheHit) {
