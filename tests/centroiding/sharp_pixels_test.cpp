@@ -130,10 +130,8 @@ TEST(SharpPixels, HitLensletsAreWhereTheyWouldBeWithoutTheHit) {
     double worst = 0.0;
     for (std::size_t k = 0; k < after.centroids.state.size(); ++k) {
       ASSERT_EQ(after.centroids.state[k], clean_again.centroids.state[k]) << k;
-      const double dx =
-          static_cast<double>(after.centroids.x_px[k] - clean_again.centroids.x_px[k]);
-      const double dy =
-          static_cast<double>(after.centroids.y_px[k] - clean_again.centroids.y_px[k]);
+      const auto dx = static_cast<double>(after.centroids.x_px[k] - clean_again.centroids.x_px[k]);
+      const auto dy = static_cast<double>(after.centroids.y_px[k] - clean_again.centroids.y_px[k]);
       if (after.sharp.first[k] < 0) {
         EXPECT_EQ(dx, 0.0) << k;
         continue;
