@@ -166,9 +166,10 @@ std::uint16_t whole_count(float value) noexcept {
   return static_cast<std::uint16_t>(std::clamp(value, 0.0F, kMost));
 }
 
-/// Returns by how many counts a pixel exceeds its neighbours at least, where its light exceeds
-/// theirs by m = sigmas·√(σ² + k·light): no light below that for which m is the light itself does.
-/// Half of that is asked for, so that a gain of 2 loses nothing.
+/// Returns by how many counts a pixel must exceed its neighbours. The exact test asks that its
+/// light exceeds theirs by `sigmas` times its own noise, √(σ² + k·light). Neighbours count as 0 at
+/// least, so that light which is fainter than so many times its noise never passes; half of that
+/// is asked for here, for the sake of pixels whose gain is up to 2.
 float margin_of(const FrameLevels& levels, float sigmas, float counts_per_e) noexcept {
   constexpr float kLeast = 0.5F;
   const float variance = levels.pixel_variance;

@@ -10,9 +10,9 @@ namespace curlew {
 /// A variance that is estimated from the very photons it describes scatters, so that D/σ has
 /// Student's longer tails. And those of spots that hardly stand out of their noise are longer
 /// still: with ε, the relative variance of a spot's light, D has an excess kurtosis of some 35 ε².
-/// The variance is therefore widened by 12·p⁴/F + min(500·ε³, .45), where F is the
-/// light above the threshold in electrons and p the part of its variance that is the photons'. It
-/// is fitted to spots of 2 px a λ/w: there |D| is beyond 3 σ as often as for a Gaussian within 20 %
+/// The variance is therefore widened by 12·p⁴/F + min(500·ε³, .45), where F is the light above the
+/// threshold in electrons and p the part of its variance that is the photons'. It is fitted to
+/// spots of 2 px a λ/w: there |D| is beyond 3 σ as often as for a Gaussian within 20 %
 /// with 60 to 5000 photons and a read noise of .5 to 9 e⁻, beyond 3.6 σ within 30 %, and beyond
 /// 4.2 σ within 35 % from 100 photons up (Monte Carlo; with 50 photons and 1 e⁻ .8, 1.5 and 4.5
 /// times). Spots of 3 px a λ/w in windows of 8 px, which have more pixels near the threshold, are
