@@ -10,6 +10,7 @@
 #include "core/median.h"
 #include "core/size_check.h"
 #include "core/team.h"
+#include "core/to_int.h"
 
 namespace curlew {
 namespace {
@@ -214,9 +215,8 @@ void LevelPlan::place(const CentroidPlan& centroid, const LowOrders& model,
       const auto [dx, dy] = displacements.at(model_coordinate(static_cast<float>(c) - 0.5F, cols_));
       const auto [x, y] = grid_.pixel_from_lenslet(c - 0.5, r - 0.5);
       const auto first = [&](double corner, float moved) {
-        return static_cast<int>(std::lround(corner +
-                                            static_cast<double>(std::clamp(moved, -limit, limit)) -
-                                            0.5 * (block_side_px_ - 1)));
+        return round_to_int(corner + static_cast<double>(std::clamp(moved, -limit, limit)) -
+                            0.5 * (block_side_px_ - 1));
       };
       const int left = first(x, dx);
       const int top = first(y, dy);

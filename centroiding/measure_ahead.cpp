@@ -162,7 +162,7 @@ int WindowFollower::measure_ahead(const CentroidPlan& plan, const LevelPlan& lev
                                   const SharpPixelPlan& sharp_plan, FrameView frame, int ready,
                                   FrameLevels& levels, SharpPixels& sharp,
                                   Centroids& centroids) noexcept {
-  if (forecast_.noise < 0.0F) return 0;
+  if (!measures_ahead_ || forecast_.noise < 0.0F) return 0;
   if (!ahead_.begun) {
     return_windows();
     begin_levels(levels);

@@ -6,6 +6,7 @@
 #include "core/as_size.h"
 #include "core/size_check.h"
 #include "core/team.h"
+#include "core/to_int.h"
 
 namespace curlew {
 namespace {
@@ -85,7 +86,7 @@ WindowFollower::WindowFollower(const Sensor& sensor, const CentroidPlan& plan,
   }
   for (int c = 0; c < plan.spots.cols(); ++c)
     column_u_.push_back(model_coordinate(static_cast<float>(c), plan.spots.cols()));
-  count_rows_needed(level_plan);
+  if (measures_ahead_) count_rows_needed(level_plan);
   if (plan.gain.empty()) return;
   bad_pixels_ = PixelCounter(plan.frame_rows, plan.frame_cols);
   for (int y = 0; y < plan.frame_rows; ++y)
@@ -135,8 +136,8 @@ void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& le
       model_x_px_[k] = std::clamp(x, -limit, limit);
       model_y_px_[k] = std::clamp(y, -limit, limit);
       if (lenslet_[k] == 0) continue;
-      place_window(plan, k, static_cast<int>(std::lround(model_x_px_[k] + off_x_px_[k])),
-                   static_cast<int>(std::lround(model_y_px_[k] + off_y_px_[k])), windows_);
+      place_window(plan, k, round_to_int(model_x_px_[k] + off_x_px_[k]),
+                   round_to_int(model_y_px_[k] + off_y_px_[k]), windows_);
       moved_x_px_[k] = static_cast<float>(windows_[k].x0 - plan.spots[k].x0);
       moved_y_px_[k] = static_cast<float>(windows_[k].y0 - plan.spots[k].y0);
     }
@@ -147,7 +148,7 @@ void WindowFollower::place_windows(const CentroidPlan& plan, const LevelPlan& le
   centred_ = windows_;
   off_centre_.fill(0);
   strips_.place(windows_, plan.frame_cols);
-  count_rows_needed(level_plan);
+  if (measures_ahead_) count_rows_needed(level_plan);
 }
 
 /// Measures the level where no spot is, wherever the spots are: at the corners between the windows

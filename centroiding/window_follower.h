@@ -167,7 +167,7 @@ class WindowFollower {
   Image<float> moved_y_px_;
   std::int64_t frames_ = 0;
 
-  // These follow from the state.
+  // These follow from the state, where frames are measured ahead.
   std::vector<int> block_rows_needed_;  ///< [rows + 1] rows of the frame that blocks_ lie in
   std::vector<int> rows_needed_;        ///< [rows] rows of the frame that windows_ lie in
 

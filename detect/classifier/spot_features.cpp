@@ -8,6 +8,7 @@
 #include <string>
 
 #include "core/error.h"
+#include "core/to_int.h"
 
 namespace curlew {
 namespace {
@@ -62,18 +63,9 @@ void calibrate_pixels(const SpotCamera& camera, const FrameFormat& format,
   }
 }
 
-/// Says how far the Hermite functions reach to either side of the reference.
-struct Reach {
-  explicit Reach(double reach_px)
-      : px(reach_px), steps(static_cast<int>(std::ceil(px * kStepsPerPx)) + 1) {}
-
-  double px;
-  int steps;  ///< These are the steps of the table, kStepsPerPx a pixel, rounded up.
-};
-
 /// Tabulates the Hermite functions. The steps run from −reach.steps on. A row of the table holds
 /// all orders at one step, and then the lane that is 1.
-AlignedVector<float> hermite_table(double pixels_per_lambda_w, const Reach& reach) {
+AlignedVector<float> hermite_table(double pixels_per_lambda_w, const ModeReach& reach) {
   AlignedVector<float> table((2 * static_cast<std::size_t>(reach.steps) + 1) * kProjectionLanes);
   for (int step = -reach.steps; step <= reach.steps; ++step) {
     const double x = step / (kStepsPerPx * pixels_per_lambda_w * kModeWidth);
@@ -93,12 +85,11 @@ struct ReachedPixels {
   std::int32_t along;  ///< The first pixel's row of the table begins here.
 };
 
-ReachedPixels clip(int start, int length, float reference, const Reach& reach) {
+ReachedPixels clip(int start, int length, float reference, const ModeReach& reach) {
   const auto centre = static_cast<double>(reference);
-  const int first = std::max(start, static_cast<int>(std::ceil(centre - reach.px - 1e-6)));
-  const int last =
-      std::min(start + length - 1, static_cast<int>(std::floor(centre + reach.px + 1e-6)));
-  const auto step = static_cast<int>(std::lround((first - centre) * kStepsPerPx));
+  const int first = std::max(start, ceil_to_int(centre - reach.px - 1e-6));
+  const int last = std::min(start + length - 1, floor_to_int(centre + reach.px + 1e-6));
+  const auto step = round_to_int((first - centre) * kStepsPerPx);
   return {.first = first,
           .n = std::max(0, last - first + 1),
           .along = (step + reach.steps) * kProjectionLanes};
@@ -112,7 +103,7 @@ void check_window(const SpotWindow& window, const FrameFormat& format) {
 }
 
 /// Returns the part of a window within the reach. Nothing of it must lie beyond the frame.
-ProjectedWindow clip_window(const SpotWindow& window, const Reach& reach, int frame_cols,
+ProjectedWindow clip_window(const SpotWindow& window, const ModeReach& reach, int frame_cols,
                             float read_noise_e) {
   const ReachedPixels x = clip(window.x0, window.w, window.reference_x, reach);
   const ReachedPixels y = clip(window.y0, window.h, window.reference_y, reach);
@@ -148,6 +139,9 @@ int spot_mode_index(SpotMode mode) {
   return order * (order + 1) / 2 + mode.m;
 }
 
+ModeReach::ModeReach(double reach_px)
+    : px(reach_px), steps(static_cast<int>(std::ceil(px * kStepsPerPx)) + 1) {}
+
 constexpr std::array<int, kSpotFeatures> kMeasuredPlaces = [] {
   std::array<int, kSpotFeatures> places{};
   int i = 0;
@@ -166,7 +160,7 @@ constexpr std::array<int, kSpotFeatures> kMeasuredPlaces = [] {
 SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
     : windows_(camera.windows),
       spots_(camera.windows.rows(), camera.windows.cols()),
-      reach_px_(kModeReach * camera.pixels_per_lambda_w),
+      reach_(kModeReach * camera.pixels_per_lambda_w),
       frame_rows_(format.rows),
       frame_cols_(format.cols),
       read_noise_e_(camera.e_per_adu > 0.0 ? static_cast<float>(camera.read_noise_e) : 0.0F),
@@ -183,13 +177,12 @@ SpotFeatures::SpotFeatures(const SpotCamera& camera, const FrameFormat& format)
     gain_ = Image<float>(format.rows, format.cols, 1.0F);
     calibrate_pixels(camera, format, dark_counts_, gain_);
   }
-  const Reach reach(reach_px_);
-  table_ = hermite_table(camera.pixels_per_lambda_w, reach);
+  table_ = hermite_table(camera.pixels_per_lambda_w, reach_);
   for (std::size_t k = 0; k < spots_.size(); ++k) {
     const SpotWindow& window = camera.windows[k];
     if (window.w < 1 || window.h < 1) continue;
     check_window(window, format);
-    spots_[k] = clip_window(window, reach, format.cols, read_noise_e_);
+    spots_[k] = clip_window(window, reach_, format.cols, read_noise_e_);
   }
 }
 
@@ -206,7 +199,7 @@ ProjectedWindow SpotFeatures::placed(const FrameShift& shift, std::size_t k) con
     move_within(static_cast<int>(at(shift.windows_y_px)), frame_rows_, window.y0, window.h);
     window.reference_x += dx;
     window.reference_y += dy;
-    spot = clip_window(window, Reach(reach_px_), frame_cols_, noise_e);
+    spot = clip_window(window, reach_, frame_cols_, noise_e);
   } else if (noise_e > read_noise_e_) {
     spot.read_noise = noise_e * std::sqrt(static_cast<float>(spot.w * spot.h));
   }

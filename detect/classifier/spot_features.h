@@ -73,6 +73,14 @@ int spot_mode_index(SpotMode mode);
 /// feature kMeasuredPlaces[i].
 extern const std::array<int, kSpotFeatures> kMeasuredPlaces;
 
+/// Says how far the Hermite functions reach to either side of the reference.
+struct ModeReach {
+  explicit ModeReach(double reach_px);
+
+  double px;
+  int steps;  ///< These are the steps of the functions' table, rounded up.
+};
+
 /// Measures the features of spots. It is const after construction and shared by threads. Windows
 /// of any size give the same features, up to kModeReach.
 class SpotFeatures {
@@ -108,7 +116,7 @@ class SpotFeatures {
 
   Image<SpotWindow> windows_;
   Image<ProjectedWindow> spots_;  // the windows where the calibration has them
-  double reach_px_;
+  ModeReach reach_;
   int frame_rows_;
   int frame_cols_;
   float read_noise_e_;          // of a pixel

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <string>
@@ -9,7 +10,6 @@
 
 #include "core/error.h"
 #include "core/size_check.h"
-#include "detect/classifier/lit_nodes.h"
 #include "detect/classifier/matrix_product.h"
 
 namespace curlew {
@@ -76,10 +76,16 @@ void choose_nodes(const ClassifierPlan& plan, const Centroids& centroids,
   for (int row = 0; row < node_rows; ++row) {
     const float* logits = &workspace.scout.logits(row, 0);
     for (int col = 0; col < node_cols; ++col) {
-      if ((all | (logits[col] >= min_logit)) && is_seen(centroids, mean, row, col))
+      if ((all | (logits[col] >= min_logit)) && workspace.lit.is_seen(row, col))
         nodes.push(row * node_cols + col);
     }
   }
+}
+
+/// Returns the place in memory of the byte with the lowest set bit, where there is one bit a byte.
+int byte_of_lowest_bit(std::uint64_t word) noexcept {
+  static_assert(std::endian::native == std::endian::little);
+  return std::countr_zero(word) / 8;
 }
 
 /// Lists the lenslets of all nodes' patches, of `size` lenslets a side, unless they were listed
@@ -100,11 +106,12 @@ void gather_lenslets(const ClassifierPlan& plan, int size,
     for (int first = 0; first < wanted.cols(); first += kWord) {
       std::uint64_t word = 0;
       std::memcpy(&word, of_row + first, kWord);
-      if ((word & ~(word >> 1U) & 0x0101010101010101U) == 0) continue;
-      for (int i = 0; i < kWord; ++i) {
-        if (of_row[first + i] != 1) continue;
-        of_row[first + i] = 3;
-        const int col = first + i - 1;
+      std::uint64_t unlisted = word & ~(word >> 1U) & 0x0101010101010101U;
+      if (unlisted == 0) continue;
+      word |= unlisted << 1U;
+      std::memcpy(of_row + first, &word, kWord);
+      for (; unlisted != 0; unlisted &= unlisted - 1) {
+        const int col = first + byte_of_lowest_bit(unlisted) - 1;
         if (col >= 0 && col < plan.cols()) workspace.lenslets.push(row * plan.cols() + col);
       }
     }
@@ -260,8 +267,7 @@ const float* judge_patches(const ClassifierPlan& plan, const std::int32_t* nodes
                       workspace.b.data());
 }
 
-void judge_nodes(const ClassifierPlan& plan, const Centroids& centroids, float mean,
-                 ClassifierWorkspace& workspace) noexcept {
+void judge_nodes(const ClassifierPlan& plan, ClassifierWorkspace& workspace) noexcept {
   workspace.views.seen.clear();
   const int node_cols = plan.cols() - 1;
   const std::size_t n_nodes = workspace.nodes.size();
@@ -275,7 +281,7 @@ void judge_nodes(const ClassifierPlan& plan, const Centroids& centroids, float m
       const int row = node / node_cols;
       const int col = node % node_cols;
       const auto see = [&](const Vortex& vortex) {
-        if (!is_seen(centroids, mean, vortex)) return;
+        if (!workspace.lit.is_seen(vortex)) return;
         workspace.views.seen.push(
             {vortex, 2.0F / (vortex.variance_x + vortex.variance_y), row, col});
       };
@@ -329,7 +335,8 @@ ClassifierWorkspace::ClassifierWorkspace(const ClassifierPlan& plan)
       a(static_cast<std::size_t>(kChunk) * ClassifierNetwork::kWidest),
       b(a.size()),
       exponentials(kChunk * kAnswer),
-      views(plan.rows() - 1, plan.cols() - 1) {
+      views(plan.rows() - 1, plan.cols() - 1),
+      lit(plan.rows(), plan.cols()) {
   if (plan.options().as_trained) exact_codes = Image<float>(codes.rows(), codes.cols());
   for (std::size_t i = 0; i < codes.size(); i += kCode) {
     std::copy_n(plan.missing_rounded(), kCode, codes.data() + i);
@@ -350,6 +357,7 @@ void find_classified_vortices(const ClassifierPlan& plan, FrameView frame, const
       typical_core_variance(plan.features(), frame, shift, centroids, mean, workspace.a.data());
   workspace.coding = plan.codings().find(plan.codings().blur_of(core));
   if (workspace.coding == nullptr) return;
+  workspace.lit.look_at(centroids, mean);
   choose_nodes(plan, centroids, circulation, mean, workspace);
   workspace.wanted.fill(0);
   if (plan.screens()) {
@@ -359,7 +367,7 @@ void find_classified_vortices(const ClassifierPlan& plan, FrameView frame, const
   }
   gather_lenslets(plan, kPatch, workspace);
   encode_lenslets(plan, frame, shift, centroids, mean, workspace);
-  judge_nodes(plan, centroids, mean, workspace);
+  judge_nodes(plan, workspace);
   report_vortices(circulation, plan.options().min_probability, workspace.views, vortices);
 }
 

@@ -12,6 +12,7 @@
 #include "core/vortex.h"
 #include "detect/classifier/classifier_network.h"
 #include "detect/classifier/frame_blur.h"
+#include "detect/classifier/lit_nodes.h"
 #include "detect/classifier/patch_layer.h"
 #include "detect/classifier/spot_features.h"
 #include "detect/classifier/vortex_scout.h"
@@ -93,6 +94,7 @@ struct ClassifierWorkspace {
   AlignedVector<float> b;
   AlignedVector<float> exponentials;  ///< exponentials of the head's answers for a chunk
   VortexViews views;
+  LitNodes lit;
 };
 
 /// Finds the vortices of one frame, the surest first; `vortices` is cleared first. It never

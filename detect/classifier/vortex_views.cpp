@@ -1,7 +1,7 @@
 #include "detect/classifier/vortex_views.h"
 
 #include <algorithm>
-#include <cmath>
+#include <bit>
 
 #include "detect/circulation.h"
 
@@ -19,6 +19,15 @@ constexpr float kAgree = 0.8F;
 // The nodes of two views of one vortex are at most this many nodes apart along an axis.
 constexpr int kNear = 2;
 
+// The lower half of a key of VortexViews::likely.
+constexpr std::uint64_t kIndexBits = 0xFFFFFFFFU;
+
+/// Returns a key by which surer views come first, and of two as sure the one that was seen first.
+/// The bits of floats that are not negative are in the order of the floats.
+std::uint64_t key_of(float probability, std::size_t index) noexcept {
+  return std::uint64_t{~std::bit_cast<std::uint32_t>(probability)} << 32U | index;
+}
+
 float distance_squared(const Vortex& a, const Vortex& b) noexcept {
   const float x = a.x - b.x;
   const float y = a.y - b.y;
@@ -34,10 +43,14 @@ class ViewMerger {
         node_rows_(circulation.value.rows()),
         node_cols_(circulation.value.cols()) {}
 
-  /// Fills views.seen_at.
+  /// Fills views.seen_at and views.is_seen.
   void enter_views() noexcept {
-    for (std::size_t i = 0; i < views_.seen.size(); ++i)
-      index_of(views_.seen[i]) = static_cast<std::int32_t>(i);
+    for (std::size_t i = 0; i < views_.seen.size(); ++i) {
+      const NodeVortex& view = views_.seen[i];
+      const int row = row_of(view.vortex.charge, view.row);
+      views_.seen_at(row, view.col) = static_cast<std::int32_t>(i);
+      set_bit(views_.is_seen, row, view.col);
+    }
   }
 
   /// Fills views.likely, the surest view first.
@@ -48,13 +61,9 @@ class ViewMerger {
       const Vortex& vortex = seen[i].vortex;
       if (vortex.probability >= min_probability &&
           (vortex.charge != 0 || vortex.probability >= kBelievedPair))
-        views_.likely.push(static_cast<std::int32_t>(i));
+        views_.likely.push(key_of(vortex.probability, i));
     }
-    std::sort(views_.likely.begin(), views_.likely.end(), [&](std::int32_t a, std::int32_t b) {
-      const float p = seen[static_cast<std::size_t>(a)].vortex.probability;
-      const float q = seen[static_cast<std::size_t>(b)].vortex.probability;
-      return p != q ? p > q : a < b;
-    });
+    std::sort(views_.likely.begin(), views_.likely.end());
   }
 
   /// Reports the view's vortex, unless one that has been reported rules it out.
@@ -70,31 +79,39 @@ class ViewMerger {
     }
     vortices.push(vortex);
     view.vortex = vortex;
-    view.precision = -view.precision;  // A negative precision marks what has been reported.
+    set_bit(views_.is_reported, row_of(charge, view.row), view.col);
   }
 
-  /// Empties views.seen_at again.
+  /// Empties the bits again.
   void remove_views() noexcept {
-    for (const NodeVortex& view : views_.seen) index_of(view) = -1;
+    views_.is_seen.fill(0);
+    views_.is_reported.fill(0);
   }
 
  private:
-  std::int32_t& index_at(int charge, int row, int col) const noexcept {
-    return views_.seen_at((charge + 1) * node_rows_ + row, col);
-  }
-  std::int32_t& index_of(const NodeVortex& view) const noexcept {
-    return index_at(view.vortex.charge, view.row, view.col);
+  int row_of(int charge, int row) const noexcept { return (charge + 1) * node_rows_ + row; }
+
+  static void set_bit(Image<std::uint64_t>& bits, int row, int col) noexcept {
+    const auto bit = static_cast<unsigned>(col + kNear);
+    bits(row, static_cast<int>(bit / 64)) |= std::uint64_t{1} << bit % 64;
   }
 
-  /// Calls `use` for all views of this charge from the nodes near the view's.
+  /// Calls `use` for all views of this charge from the nodes near the view's that have their bit.
   template <typename Use>
-  void for_each_near(const NodeVortex& view, int charge, Use&& use) const noexcept {
+  void for_each_near(const NodeVortex& view, int charge, const Image<std::uint64_t>& bits,
+                     Use&& use) const noexcept {
+    constexpr std::uint64_t kWidth = 2 * kNear + 1;
+    const int first_col = view.col - kNear;
+    const auto shift = static_cast<unsigned>(view.col) % 64;
     const int last_row = std::min(view.row + kNear, node_rows_ - 1);
-    const int last_col = std::min(view.col + kNear, node_cols_ - 1);
-    for (int row = std::max(view.row - kNear, 0); row <= last_row; ++row) {
-      for (int col = std::max(view.col - kNear, 0); col <= last_col; ++col) {
-        const std::int32_t i = index_at(charge, row, col);
-        if (i >= 0) use(views_.seen[static_cast<std::size_t>(i)]);
+    for (int r = std::max(view.row - kNear, 0); r <= last_row; ++r) {
+      const int row = row_of(charge, r);
+      const std::uint64_t* const words = &bits(row, view.col / 64);
+      std::uint64_t near =
+          (words[0] >> shift | words[1] << 1 << (63 - shift)) & ((std::uint64_t{1} << kWidth) - 1);
+      for (; near != 0; near &= near - 1) {
+        const std::int32_t i = views_.seen_at(row, first_col + std::countr_zero(near));
+        use(views_.seen[static_cast<std::size_t>(i)]);
       }
     }
   }
@@ -104,9 +121,8 @@ class ViewMerger {
   bool reported_near(const NodeVortex& view, const Vortex& vortex, int charge,
                      float radius) const noexcept {
     bool reported = false;
-    for_each_near(view, charge, [&](const NodeVortex& other) {
-      reported |=
-          other.precision < 0.0F && distance_squared(vortex, other.vortex) < radius * radius;
+    for_each_near(view, charge, views_.is_reported, [&](const NodeVortex& other) {
+      reported |= distance_squared(vortex, other.vortex) < radius * radius;
     });
     return reported;
   }
@@ -123,9 +139,9 @@ class ViewMerger {
   /// Returns the view's vortex at the mean position of all views that agree with it.
   Vortex at_mean_position(const NodeVortex& view) const noexcept {
     float weights = 0.0F, x = 0.0F, y = 0.0F;
-    for_each_near(view, view.vortex.charge, [&](const NodeVortex& other) {
+    for_each_near(view, view.vortex.charge, views_.is_seen, [&](const NodeVortex& other) {
       if (distance_squared(view.vortex, other.vortex) > kAgree * kAgree) return;
-      const float weight = other.vortex.probability * std::abs(other.precision);
+      const float weight = other.vortex.probability * other.precision;
       weights += weight;
       x += weight * other.vortex.x;
       y += weight * other.vortex.y;
@@ -148,15 +164,17 @@ VortexViews::VortexViews(int node_rows, int node_cols)
     : seen(std::size_t{3} * static_cast<std::size_t>(node_rows) *
            static_cast<std::size_t>(node_cols)),
       likely(seen.capacity()),
-      seen_at(3 * node_rows, node_cols, -1) {}
+      seen_at(3 * node_rows, node_cols),
+      is_seen(3 * node_rows, (node_cols + 2 * kNear) / 64 + 2),
+      is_reported(is_seen.rows(), is_seen.cols()) {}
 
 void report_vortices(const CirculationMap& circulation, double min_probability, VortexViews& views,
                      VortexList& vortices) noexcept {
   ViewMerger merger(circulation, views);
   merger.enter_views();
   merger.choose_likely(static_cast<float>(min_probability));
-  for (const std::int32_t index : views.likely)
-    merger.report(views.seen[static_cast<std::size_t>(index)], vortices);
+  for (const std::uint64_t key : views.likely)
+    merger.report(views.seen[static_cast<std::size_t>(key & kIndexBits)], vortices);
   merger.remove_views();
 }
 

@@ -13,7 +13,7 @@ namespace curlew {
 /// This is a view: a vortex, or an unresolved pair (charge 0), seen from one node.
 struct NodeVortex {
   Vortex vortex;
-  float precision = 0;  ///< 1/(mean variance of the position); negative once it is reported
+  float precision = 0;  ///< 1/(mean variance of the position)
   std::int32_t row = 0;
   std::int32_t col = 0;
 };
@@ -24,10 +24,12 @@ struct VortexViews {
 
   /// The views are in the order of the nodes. A node has at most one of each charge.
   FixedList<NodeVortex> seen;
-  FixedList<std::int32_t> likely;  ///< indices of the views that are likely enough to be reported
-  /// This is [3·node rows, node cols], by charge + 1. It holds the index in `seen`, or −1. Between
-  /// frames it holds −1 everywhere.
-  Image<std::int32_t> seen_at;
+  FixedList<std::uint64_t> likely;  ///< keys of the views that are likely enough to be reported
+  Image<std::int32_t> seen_at;  ///< [3·node rows, node cols], by charge + 1: the index in `seen`
+  /// These say in the same rows, one bit a node, whether there is a view, and whether it has been
+  /// reported. Two bits and a word more stand round each row. Between frames all are 0.
+  Image<std::uint64_t> is_seen;
+  Image<std::uint64_t> is_reported;
 };
 
 /// Reports the surest views one after the other, and appends them to `vortices`. A view is not

@@ -15,27 +15,37 @@ Centroids lit_everywhere() {
   return centroids;
 }
 
+LitNodes look_at(const Centroids& centroids) {
+  LitNodes nodes(centroids.state.rows(), centroids.state.cols());
+  nodes.look_at(centroids, 100.0F);
+  return nodes;
+}
+
+bool is_seen(const Centroids& centroids, int row, int col) {
+  return look_at(centroids).is_seen(row, col);
+}
+
 bool is_seen_at(const Centroids& centroids, float x, float y) {
   Vortex vortex;
   vortex.x = x;
   vortex.y = y;
-  return is_seen(centroids, 100.0F, vortex);
+  return look_at(centroids).is_seen(vortex);
 }
 
 TEST(LitNodes, TheDarkCoreOfAVortexIsEvidence) {
   Centroids centroids = lit_everywhere();
   for (int row = 4; row <= 5; ++row)
     for (int col = 4; col <= 5; ++col) centroids.flux_adu(row, col) = 0.0F;
-  EXPECT_TRUE(is_seen(centroids, 100.0F, 4, 4));
+  EXPECT_TRUE(is_seen(centroids, 4, 4));
   EXPECT_TRUE(is_seen_at(centroids, 4.5F, 4.5F));
 }
 
 TEST(LitNodes, OneMissingLensletIsNoHindranceAndTwoAre) {
   Centroids centroids = lit_everywhere();
   centroids.state(4, 4) = LensletState::kUnlit;
-  EXPECT_TRUE(is_seen(centroids, 100.0F, 4, 4));
+  EXPECT_TRUE(is_seen(centroids, 4, 4));
   centroids.state(5, 5) = LensletState::kLost;
-  EXPECT_FALSE(is_seen(centroids, 100.0F, 4, 4));
+  EXPECT_FALSE(is_seen(centroids, 4, 4));
   EXPECT_FALSE(is_seen_at(centroids, 4.9F, 4.1F));
   EXPECT_TRUE(is_seen_at(centroids, 3.9F, 3.9F));
 }
@@ -49,16 +59,16 @@ TEST(LitNodes, TheRimOfAShadowIsNoEvidence) {
         if (missing || row > 3) centroids.state(row, col) = LensletState::kLost;
       }
     }
-    EXPECT_EQ(is_seen(centroids, 100.0F, 2, 2), !missing) << "at the corner of the shadow";
-    EXPECT_FALSE(is_seen(centroids, 100.0F, 2, 4)) << "at its side";
-    EXPECT_FALSE(is_seen(centroids, 100.0F, 4, 4)) << "within it";
-    EXPECT_TRUE(is_seen(centroids, 100.0F, 1, 1)) << "beside it";
+    EXPECT_EQ(is_seen(centroids, 2, 2), !missing) << "at the corner of the shadow";
+    EXPECT_FALSE(is_seen(centroids, 2, 4)) << "at its side";
+    EXPECT_FALSE(is_seen(centroids, 4, 4)) << "within it";
+    EXPECT_TRUE(is_seen(centroids, 1, 1)) << "beside it";
   }
 }
 
 TEST(LitNodes, TheArraysOwnEdgeIsNoShadow) {
   const Centroids centroids = lit_everywhere();
-  EXPECT_TRUE(is_seen(centroids, 100.0F, 0, 0));
+  EXPECT_TRUE(is_seen(centroids, 0, 0));
   EXPECT_TRUE(is_seen_at(centroids, 0.0F, 9.0F));
   EXPECT_TRUE(is_seen_at(centroids, 9.0F, 4.0F));
 }
