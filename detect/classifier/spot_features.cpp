@@ -140,7 +140,8 @@ int spot_mode_index(SpotMode mode) {
 }
 
 ModeReach::ModeReach(double reach_px)
-    : px(reach_px), steps(static_cast<int>(std::ceil(px * kStepsPerPx)) + 1) {}
+    // A sampling that makes no sense is refused afterwards.
+    : px(reach_px), steps(px < 1e6 ? static_cast<int>(std::ceil(px * kStepsPerPx)) + 1 : 1) {}
 
 constexpr std::array<int, kSpotFeatures> kMeasuredPlaces = [] {
   std::array<int, kSpotFeatures> places{};
