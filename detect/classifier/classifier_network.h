@@ -70,7 +70,7 @@ struct ClassifierNetwork {
   static constexpr int kHeadEnd = 5;
   static constexpr int kScoutEnd = 7;
   static constexpr int kLayers = 9;
-  static constexpr std::array<int, kLayers> kOutputs{48, 24, 96, 48, 16, 8, 8, 16, 8};
+  static constexpr std::array<int, kLayers> kOutputs{32, 16, 64, 32, 16, 8, 8, 16, 8};
   static constexpr int kCode = kOutputs[kEncoderEnd - 1];
   static constexpr int kWidest = kPatchLenslets * kCode;
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/as_size.h"
 #include "detect/classifier/matrix_product.h"
 
 namespace curlew {
@@ -54,7 +53,7 @@ const float* ClassifierOptimiser::run() {
   return activations_.back().data();
 }
 
-void ClassifierOptimiser::step(double learning_rate, const NetworkSymmetry* symmetry) {
+void ClassifierOptimiser::step(double learning_rate) {
   for (std::size_t u = layers_.size(); u-- > 0;) {
     const DenseLayer& layer = layers_[u];
     const int samples = samples_of(u);
@@ -69,8 +68,6 @@ void ClassifierOptimiser::step(double learning_rate, const NetworkSymmetry* symm
     std::fill(bias.begin(), bias.end(), 0.0F);
     for (std::size_t k = 0; k < output.size(); k += bias.size())
       for (std::size_t o = 0; o < bias.size(); ++o) bias[o] += gradient_[k + o];
-    if (symmetry != nullptr)
-      symmetry->symmetrise(as_size(first_) + u, moments_[u].weights.gradient, bias);
     if (u == 0) break;
     const auto inputs = static_cast<std::size_t>(layer.inputs);
     const auto outputs = static_cast<std::size_t>(layer.outputs);

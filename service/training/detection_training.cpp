@@ -273,19 +273,7 @@ class HeadTraining {
     ClassifierNetwork network;
     RandomStream random(options.seed, 0);
     initialise(network, random);
-    make_symmetrical(network);
     return network;
-  }
-
-  /// Makes the layers symmetrical that are, with weights of the size that they had.
-  static void make_symmetrical(ClassifierNetwork& network) {
-    const float kept = std::sqrt(8.0F);  // The mean of eight is as much smaller.
-    const NetworkSymmetry symmetry;
-    for (std::size_t i = 0; i < ClassifierNetwork::kHeadEnd; ++i) {
-      DenseLayer& layer = network.layers[i];
-      symmetry.symmetrise(i, layer.weights, layer.bias);
-      for (float& weight : layer.weights) weight *= kept;
-    }
   }
 
   /// Learns one batch of nodes.
@@ -304,7 +292,7 @@ class HeadTraining {
       gradient += kOutputs;
     }
     losses_ += options_.batch;
-    optimiser_.step(learning_rate(step), &symmetry_);
+    optimiser_.step(learning_rate(step));
   }
 
   /// Returns the learning rate, which rises during the warm-up and then falls along a cosine.
@@ -336,7 +324,6 @@ class HeadTraining {
   const std::vector<ValidationFields>& validation_;
   const std::function<void(const std::string&)>& log_;
   Clock::time_point start_ = Clock::now();
-  NetworkSymmetry symmetry_;
   Lessons lessons_;
   ClassifierNetwork network_;
   ClassifierOptimiser optimiser_;
@@ -384,7 +371,7 @@ TrainingReport train_vortex_classifier(const TrainingOptions& options,
 
 std::string weights_text(const TrainingReport& report, const std::string& command) {
   std::string text = fmt::format(
-      "// Weights of the vortex classifier, version 5. Made, not written, by\n//   {}\n"
+      "// Weights of the vortex classifier, version 4. Made, not written, by\n//   {}\n"
       "// --from-shipped begins with the weights that stood here before.\n"
       "// Validation (Rytov variance, photons: average precision, F1, rms in pitches):\n",
       command);

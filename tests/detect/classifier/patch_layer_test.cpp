@@ -26,8 +26,8 @@ TEST_P(PatchLayerOf, AgreesWithItsLayer) {
   const DenseLayer& layer = network.layers[static_cast<std::size_t>(GetParam())];
   const int rows = GetParam() == ClassifierNetwork::kEncoderEnd ? kPatch : kScreenPatch;
   const PatchLayer patch_layer(layer, rows);
+  constexpr std::ptrdiff_t kStep = 400;
   constexpr int kPatches = 15;
-  constexpr std::ptrdiff_t kStep = ClassifierNetwork::kCode * (kPatches + kPatch);
   RandomStream random(kSeed, 0);
   std::vector<float> codes(kStep * kPatch);
   for (float& code : codes)

@@ -333,7 +333,7 @@ TEST(ClassifierNetwork, ShippedWeightsGiveWhatTheyGave) {
     in = out;
   }
   // Float rounding differs between instruction sets.
-  constexpr std::array<float, 3> kLogitAndPlace{-1.41042e+00F, 4.83208e-04F, 2.15899e-02F};
+  constexpr std::array<float, 3> kLogitAndPlace{-2.92448e+00F, 2.00255e-01F, 4.96653e-02F};
   for (std::size_t i = 0; i < kLogitAndPlace.size(); ++i) {
     EXPECT_NEAR(in[i], kLogitAndPlace[i], 1e-3F * (1.0F + std::abs(kLogitAndPlace[i])));
   }

@@ -14,9 +14,7 @@
 #include "service/bench/detection_score.h"
 #include "service/spot_camera.h"
 #include "service/training/classifier_optimiser.h"
-#include "service/training/network_symmetry.h"
 #include "service/training/training_fields.h"
-#include "service/training/training_lessons.h"
 #include "tests/support/allocation_counter.h"
 #include "tests/support/scratch_directory.h"
 
@@ -62,83 +60,6 @@ TEST(ClassifierOptimiser, DescendsToWhatItIsShown) {
   EXPECT_LT(last, 0.5 * first);
 }
 
-// A network whose numbers are the means over the symmetries of random ones says the same of a patch
-// and of the patch turned: equal logits, turned positions and, if it is mirrored, the other charge.
-TEST(NetworkSymmetry, TurnedPatchesHaveTurnedAnswers) {
-  const std::vector<Symmetry> all = all_symmetries();
-  ASSERT_EQ(all.size(), 8U);
-  const int patches = static_cast<int>(all.size());
-  ClassifierNetwork network;
-  RandomStream random(kSeed, 1);
-  const NetworkSymmetry symmetry;
-  for (std::size_t i = 0; i < ClassifierNetwork::kHeadEnd; ++i) {
-    DenseLayer& layer = network.layers[i];
-    for (AlignedVector<float>* numbers : {&layer.weights, &layer.bias})
-      for (float& number : *numbers) number = static_cast<float>(random.gaussian() * 0.3);
-    symmetry.symmetrise(i, layer.weights, layer.bias);
-    const AlignedVector<float> once = layer.weights;
-    symmetry.symmetrise(i, layer.weights, layer.bias);
-    for (std::size_t k = 0; k < once.size(); ++k)
-      ASSERT_NEAR(layer.weights[k], once[k], 1e-6F) << "layer " << i;
-  }
-  ClassifierOptimiser optimiser(network, 0, ClassifierNetwork::kHeadEnd, patches);
-  std::vector<float> patch(kPatchLenslets * kTaughtInputs);
-  for (float& input : patch) input = static_cast<float>(random.gaussian());
-  constexpr std::size_t kInputs = kPatchLenslets * kTaughtInputs;
-  for (std::size_t s = 0; s < all.size(); ++s) {
-    for (std::size_t i = 0; i < kInputs; ++i) {
-      const auto lenslet = static_cast<std::size_t>(all[s].lenslet[i / kTaughtInputs]);
-      const std::size_t input = i % kTaughtInputs;
-      const std::size_t feature = input % kSpotFeatures;
-      const bool of_spot = input + 1 < kTaughtInputs;
-      const std::size_t from =
-          of_spot ? input - feature + static_cast<std::size_t>(all[s].feature[feature]) : input;
-      optimiser.inputs()[s * kInputs + i] =
-          patch[lenslet * kTaughtInputs + from] * (of_spot ? all[s].sign[feature] : 1.0F);
-    }
-  }
-  const float* output = optimiser.run();
-  constexpr std::size_t kAnswers = kFirstPairOutput + kPairOutputs;
-  const auto unturned = static_cast<std::size_t>(
-      std::find_if(all.begin(), all.end(),
-                   [](const Symmetry& s) { return !s.transpose && s.sx == 1 && s.sy == 1; }) -
-      all.begin());
-  const float* const original = output + unturned * kAnswers;
-  EXPECT_GT(std::abs(original[0] - original[kNodeOutputs]), 0.01F);
-  for (std::size_t s = 0; s < all.size(); ++s) {
-    SCOPED_TRACE(s);
-    const float* const turned = output + s * kAnswers;
-    for (const std::size_t first :
-         {std::size_t{0}, std::size_t{kNodeOutputs}, std::size_t{kFirstPairOutput}}) {
-      const bool swapped = all[s].mirrors() && first != kFirstPairOutput;
-      const float* const from = original + (swapped ? kNodeOutputs - first : first);
-      const Label expected =
-          all[s]({.present = from[0], .weight = 1.0F, .dx = from[1], .dy = from[2]});
-      EXPECT_NEAR(turned[first], expected.present, 1e-4F);
-      EXPECT_NEAR(turned[first + 1], expected.dx, 1e-4F);
-      EXPECT_NEAR(turned[first + 2], expected.dy, 1e-4F);
-      if (all[s].transpose) continue;
-      EXPECT_NEAR(turned[first + 3], from[3], 1e-4F);
-      if (first == kFirstPairOutput) continue;
-      EXPECT_NEAR(turned[first + 4], from[4] * static_cast<float>(all[s].sx * all[s].sy), 1e-4F);
-      EXPECT_NEAR(turned[first + 5], from[5], 1e-4F);
-    }
-  }
-}
-
-TEST(NetworkSymmetry, TheShippedNetworkHasIt) {
-  const ClassifierNetwork network = shipped_classifier_network();
-  const NetworkSymmetry symmetry;
-  for (std::size_t i = 0; i < ClassifierNetwork::kHeadEnd; ++i) {
-    DenseLayer layer = network.layers[i];
-    symmetry.symmetrise(i, layer.weights, layer.bias);
-    for (std::size_t k = 0; k < layer.weights.size(); ++k) {
-      const float weight = network.layers[i].weights[k];
-      ASSERT_NEAR(layer.weights[k], weight, 2e-3F * (1.0F + std::abs(weight))) << "layer " << i;
-    }
-  }
-}
-
 TEST(TrainVortexClassifier, SameOptionsSameWeights) {
   const ScratchDirectory folder;
   const RealisationCache cache(folder.path());
@@ -155,7 +76,7 @@ TEST(TrainVortexClassifier, SameOptionsSameWeights) {
   options.batch = 64;
 #endif
   const TrainingReport a = train_vortex_classifier(options, cache, [](const std::string&) {});
-  EXPECT_NE(weights_text(a, "x").find("version 5"), std::string::npos);
+  EXPECT_NE(weights_text(a, "x").find("version 4"), std::string::npos);
   for (const DenseLayer& layer : a.network.layers) {
     EXPECT_TRUE(std::all_of(layer.weights.begin(), layer.weights.end(),
                             [](float weight) { return std::isfinite(weight); }));
