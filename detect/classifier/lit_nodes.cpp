@@ -9,10 +9,6 @@ namespace curlew {
 namespace {
 
 constexpr float kDark = 0.05F;  // of the mean flux, as the network was taught
-// rad². Spots that may be anywhere in windows of ±1.5 λ/w make D uncertain by 7.7 rad. Of 932
-// vortices behind turbulence (Rytov variance 2, 1000 photons) none lay where it was above 9.1.
-constexpr float kMostVariance = 15.0F * 15.0F;
-constexpr std::uint8_t kAll = kPatchLenslets;
 
 bool is_gone(const Centroids& centroids, int row, int col) noexcept {
   return !centroids.state.contains(row, col) || is_missing(centroids.state(row, col));
@@ -48,8 +44,7 @@ int count_round(int row, int col, int margin, Counts counts) noexcept {
 LitNodes::LitNodes(int rows, int cols)
     : gone_(rows + 2, cols + 2), in_row_(rows + 2, cols - 1), missing_(rows - 1, cols - 1) {}
 
-void LitNodes::look_at(const Centroids& centroids, const CirculationMap& circulation,
-                       float mean_flux_adu) noexcept {
+void LitNodes::look_at(const Centroids& centroids, float mean_flux_adu) noexcept {
   centroids_ = &centroids;
   dark_adu_ = kDark * mean_flux_adu;
   const int rows = centroids.state.rows(), cols = centroids.state.cols();
@@ -66,10 +61,6 @@ void LitNodes::look_at(const Centroids& centroids, const CirculationMap& circula
   for (int r = 0; r < rows + 2; ++r) sum_four(&gone_(r, 0), 1, cols - 1, &in_row_(r, 0));
   for (int r = 0; r + 1 < rows; ++r)
     sum_four(&in_row_(r, 0), in_row_.cols(), cols - 1, &missing_(r, 0));
-  for (std::size_t k = 0; k < missing_.size(); ++k) {
-    const bool unmeasured = (circulation.valid[k] != 0) & (circulation.variance[k] > kMostVariance);
-    missing_[k] = unmeasured ? kAll : missing_[k];
-  }
 }
 
 bool LitNodes::is_seen(int row, int col) const noexcept {
@@ -77,7 +68,6 @@ bool LitNodes::is_seen(int row, int col) const noexcept {
   constexpr int kMostUntold = 3;
   const int missing_in_array = missing_(row, col);
   if (missing_in_array == 0) return true;
-  if (missing_in_array == kAll) return false;
   const bool by_shadow = missing_in_array >= kShadow;
   const auto untold = [&](int i, int j) {
     return by_shadow ? tells_nothing(*centroids_, dark_adu_, i, j) : is_gone(*centroids_, i, j);

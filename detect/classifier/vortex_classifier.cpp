@@ -357,7 +357,7 @@ void find_classified_vortices(const ClassifierPlan& plan, FrameView frame, const
       typical_core_variance(plan.features(), frame, shift, centroids, mean, workspace.a.data());
   workspace.coding = plan.codings().find(plan.codings().blur_of(core));
   if (workspace.coding == nullptr) return;
-  workspace.lit.look_at(centroids, circulation, mean);
+  workspace.lit.look_at(centroids, mean);
   choose_nodes(plan, centroids, circulation, mean, workspace);
   workspace.wanted.fill(0);
   if (plan.screens()) {

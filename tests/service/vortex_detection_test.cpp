@@ -27,7 +27,7 @@ namespace {
 
 constexpr std::uint64_t kDetectionSeed = 7801;
 constexpr int kFramesToCompare = kSanitized ? 6 : 12;
-constexpr int kMayDiffer = kSanitized ? 3 : 1;  // vortices
+constexpr int kMayDiffer = kSanitized ? 2 : 1;  // vortices
 
 /// Returns the benchmark's turbulence with the simulator's own noise.
 SimulatorOptions turbulence(double photons, int frames) {

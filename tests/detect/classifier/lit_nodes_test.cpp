@@ -17,7 +17,7 @@ Centroids lit_everywhere() {
 
 LitNodes look_at(const Centroids& centroids) {
   LitNodes nodes(centroids.state.rows(), centroids.state.cols());
-  nodes.look_at(centroids, CirculationMap(kLenslets, kLenslets), 100.0F);
+  nodes.look_at(centroids, 100.0F);
   return nodes;
 }
 
@@ -64,20 +64,6 @@ TEST(LitNodes, TheRimOfAShadowIsNoEvidence) {
     EXPECT_FALSE(is_seen(centroids, 4, 4)) << "within it";
     EXPECT_TRUE(is_seen(centroids, 1, 1)) << "beside it";
   }
-}
-
-TEST(LitNodes, SpotsThatCouldBeAnywhereAreNoEvidence) {
-  const Centroids centroids = lit_everywhere();
-  CirculationMap circulation(kLenslets, kLenslets);
-  circulation.valid.fill(1);
-  circulation.variance.fill(9.0F * 9.0F);
-  circulation.variance(8, 4) = circulation.variance(3, 3) = 20.0F * 20.0F;
-  circulation.valid(3, 3) = 0;
-  LitNodes nodes(kLenslets, kLenslets);
-  nodes.look_at(centroids, circulation, 100.0F);
-  EXPECT_FALSE(nodes.is_seen(8, 4));
-  EXPECT_TRUE(nodes.is_seen(8, 5));
-  EXPECT_TRUE(nodes.is_seen(3, 3)) << "without a circulation its variance says nothing";
 }
 
 TEST(LitNodes, TheArraysOwnEdgeIsNoShadow) {
