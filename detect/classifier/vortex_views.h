@@ -27,7 +27,8 @@ struct VortexViews {
   FixedList<std::uint64_t> likely;  ///< keys of the views that are likely enough to be reported
   Image<std::int32_t> seen_at;  ///< [3·node rows, node cols], by charge + 1: the index in `seen`
   /// These say in the same rows, one bit a node, whether there is a view, and whether it has been
-  /// reported. Two bits and a word more stand round each row. Between frames all are 0.
+  /// reported. A row has two unused bits before its first node and an unused word at its end, so
+  /// that the bits round any node can be read. Between frames all are 0.
   Image<std::uint64_t> is_seen;
   Image<std::uint64_t> is_reported;
 };
