@@ -18,8 +18,9 @@ class Chooser {
     for (std::size_t t = 0; t < plan_.tiles().size(); ++t) {
       tile_ = &plan_.tiles()[t];
       if (!gather(static_cast<std::int32_t>(t))) continue;
-      whiten_measured(slopes);
-      whiten_candidates();
+      clear_loops();
+      add_measured(slopes);
+      add_candidates();
       multiply();
       go_downhill();
       for (std::size_t i = 0; i < ws_.local.size(); ++i)
@@ -73,27 +74,27 @@ class Chooser {
     return any;
   }
 
-  void whiten_measured(const SlopeField& slopes) {
-    const auto n = as_size(tile_->factor().size());
-    std::fill_n(ws_.measured.begin(), n, 0.0F);
-    const Lattice& lattice = tile_->lattice();
-    for (int r = 0; r < lattice.rows(); ++r) {
-      for (int c = 0; c < lattice.cols(); ++c) {
-        const int k = r * lattice.cols() + c;
-        if (lattice.phase_group_of(k) < 0) continue;
-        const int on_array = (tile_->row() + r) * slopes.cols() + tile_->col() + c;
-        float x = slopes.x[as_size(on_array)];
-        float y = slopes.y[as_size(on_array)];
-        if (slopes.valid[as_size(on_array)] == 0) mean_of_neighbours(slopes, on_array, x, y);
-        const auto corner = lattice.corners_of(k);
-        const auto along = along_corners(x, y);
-        for (std::size_t i = 0; i < 4; ++i) {
-          const std::int32_t unknown = tile_->unknown_of(corner[i]);
-          if (unknown >= 0) ws_.measured[as_size(unknown)] += along[i];
-        }
-      }
+  static constexpr std::size_t kLanes = CholeskyFactor::kLanes;
+  std::size_t faces() const { return as_size(tile_->factor().size()); }
+  /// Returns how many groups of kLanes the measured loops and those of the candidates are.
+  std::size_t groups() const { return ws_.local.size() / kLanes + 1; }
+  float* group(std::size_t g) { return ws_.loops.data() + g * faces() * kLanes; }
+  /// Returns the loops of a vector. Those of the next face lie kLanes further on.
+  float* vector(std::size_t i) { return group(i / kLanes) + i % kLanes; }
+
+  void clear_loops() { std::fill_n(ws_.loops.begin(), groups() * faces() * kLanes, 0.0F); }
+
+  void add_measured(const SlopeField& slopes) {
+    float* const measured = vector(0);
+    for (const ChoiceTile::Lenslet& lenslet : tile_->lenslets()) {
+      const int k = lenslet.row * slopes.cols() + lenslet.col;
+      float x = slopes.x[as_size(k)];
+      float y = slopes.y[as_size(k)];
+      if (slopes.valid[as_size(k)] == 0) mean_of_neighbours(slopes, k, x, y);
+      const auto along = along_corners(x, y);
+      for (std::size_t i = 0; i < along.size(); ++i)
+        if (lenslet.unknown[i] >= 0) measured[as_size(lenslet.unknown[i]) * kLanes] += along[i];
     }
-    tile_->factor().solve_lower_in_place(ws_.measured.data());
   }
 
   static void mean_of_neighbours(const SlopeField& slopes, int k, float& x, float& y) {
@@ -115,61 +116,41 @@ class Chooser {
     }
   }
 
-  void whiten_candidates() {
-    const CholeskyFactor& factor = tile_->factor();
-    ws_.start[0] = 0;
+  void add_candidates() {
     for (std::size_t v = 0; v < ws_.local.size(); ++v) {
       const Vortex& vortex = ws_.candidates[ws_.local[v]];
       const float x = vortex.x - static_cast<float>(tile_->col());
       const float y = vortex.y - static_cast<float>(tile_->row());
       const auto loops =
           vortex_loops(x, y, static_cast<float>(vortex.charge), plan_.options().softening);
-      std::int32_t* const columns = ws_.element.data() + ws_.start[v];
-      EliminationPath path(factor, ws_.marked, columns);
+      float* const of_vortex = vector(v + 1);
       for_each_cell(tile_->lattice(), x, y, [&](int corner, int i, int j) {
         const std::int32_t unknown = tile_->unknown_of(corner);
-        if (unknown < 0) return;
-        ws_.scratch[as_size(unknown)] += loops[as_size(i * kLoopSide + j)];
-        path.add(unknown);
+        if (unknown >= 0) of_vortex[as_size(unknown) * kLanes] += loops[as_size(i * kLoopSide + j)];
       });
-      const std::size_t n = path.finish();
-      float* const values = ws_.value.data() + ws_.start[v];
-      for (std::size_t i = 0; i < n; ++i) {
-        factor.eliminate(columns[i], ws_.scratch.data());
-        values[i] = ws_.scratch[as_size(columns[i])];
-      }
-      for (std::size_t i = 0; i < n; ++i) ws_.scratch[as_size(columns[i])] = 0.0F;
-      ws_.start[v + 1] = ws_.start[v] + n;
     }
   }
 
   /// Computes the overlaps of all candidates, and the gain of each: its product with the loops that
   /// those chosen at the start do not explain.
   void multiply() {
+    const CholeskyFactor& factor = tile_->factor();
+    for (std::size_t g = 0; g < groups(); ++g) factor.solve_lower_in_place(group(g));
+    for (std::size_t g = 0; g < groups(); ++g)
+      for (std::size_t h = 0; h < groups(); ++h)
+        multiply_lanes(group(g), group(h), factor.size(),
+                       &ws_.overlap(static_cast<int>(g * kLanes), static_cast<int>(h * kLanes)),
+                       ws_.overlap.cols());
     const std::size_t n = ws_.local.size();
     for (std::size_t a = 0; a < n; ++a) {
-      float with_measured = 0.0F;
-      for (std::size_t i = ws_.start[a]; i < ws_.start[a + 1]; ++i) {
-        with_measured += ws_.value[i] * ws_.measured[as_size(ws_.element[i])];
-        ws_.scratch[as_size(ws_.element[i])] = ws_.value[i];
-      }
-      ws_.gain[a] = with_measured;
-      for (std::size_t b = 0; b <= a; ++b) {
-        float sum = 0.0F;
-        for (std::size_t i = ws_.start[b]; i < ws_.start[b + 1]; ++i)
-          sum += ws_.value[i] * ws_.scratch[as_size(ws_.element[i])];
-        overlap(a, b) = overlap(b, a) = sum;
-      }
-      for (std::size_t i = ws_.start[a]; i < ws_.start[a + 1]; ++i)
-        ws_.scratch[as_size(ws_.element[i])] = 0.0F;
-    }
-    for (std::size_t a = 0; a < n; ++a)
+      ws_.gain[a] = ws_.overlap(0, static_cast<int>(a) + 1);
       for (std::size_t b = 0; b < n; ++b)
         if (ws_.chosen[b] != 0) ws_.gain[a] -= overlap(a, b);
+    }
   }
 
-  float& overlap(std::size_t a, std::size_t b) {
-    return ws_.overlap(static_cast<int>(a), static_cast<int>(b));
+  float overlap(std::size_t a, std::size_t b) const {
+    return ws_.overlap(static_cast<int>(a) + 1, static_cast<int>(b) + 1);
   }
 
   /// Returns by how much the cost changes when candidate a is added or taken away. The squares of a
@@ -221,11 +202,16 @@ class Chooser {
   const ChoiceTile* tile_ = nullptr;
 };
 
-template <typename Of>
-std::size_t largest(const VortexChoicePlan& plan, Of of) {
-  std::size_t maximum = 0;
-  for (const ChoiceTile& tile : plan.tiles()) maximum = std::max(maximum, of(tile));
-  return maximum;
+/// Returns how many vectors of loops a tile has at most, rounded up to whole groups.
+std::size_t vectors(const VortexChoicePlan& plan) {
+  constexpr std::size_t kLanes = CholeskyFactor::kLanes;
+  return (plan.capacity() / kLanes + 1) * kLanes;
+}
+
+std::size_t most_faces(const VortexChoicePlan& plan) {
+  int most = 0;
+  for (const ChoiceTile& tile : plan.tiles()) most = std::max(most, tile.factor().size());
+  return as_size(most);
 }
 
 }  // namespace
@@ -235,14 +221,8 @@ VortexChoiceWorkspace::VortexChoiceWorkspace(const VortexChoicePlan& plan)
       tile(plan.capacity()),
       believed(plan.capacity()),
       local(plan.capacity()),
-      measured(largest(plan, [](const ChoiceTile& t) { return as_size(t.factor().size()); })),
-      scratch(measured.size()),
-      marked(measured.size()),
-      element(plan.capacity() *
-              largest(plan, [](const ChoiceTile& t) { return t.longest_path(); })),
-      value(element.size()),
-      start(plan.capacity() + 1),
-      overlap(static_cast<int>(plan.capacity()), static_cast<int>(plan.capacity())),
+      loops(vectors(plan) * most_faces(plan)),
+      overlap(static_cast<int>(vectors(plan)), static_cast<int>(vectors(plan))),
       gain(plan.capacity()),
       cost(plan.capacity()),
       chosen(plan.capacity()) {}

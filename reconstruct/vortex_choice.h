@@ -21,15 +21,11 @@ struct VortexChoiceWorkspace {
   AlignedVector<std::int32_t> tile;    ///< [candidates] tile to which each belongs
   std::vector<std::uint8_t> believed;  ///< [candidates] the result: 1 where believed
 
-  // The members below describe the tile in hand.
-  FixedList<std::size_t> local;   ///< candidates in the tile or near it
-  AlignedVector<float> measured;  ///< [faces] L⁻¹ of the measured loops
-  AlignedVector<float> scratch;   ///< [faces] 0 between uses
-  std::vector<std::uint8_t> marked;
-  AlignedVector<std::int32_t> element;  ///< indices of L⁻¹ of each candidate's loops
-  AlignedVector<float> value;           ///< values at these indices
-  std::vector<std::size_t> start;       ///< [candidates + 1] where each candidate's begin
-  Image<float> overlap;                 ///< [candidates, candidates] lᵀ(RᵀR)⁻¹l
+  // The members below describe the tile in hand. The measured loops are vector 0, and those of
+  // local candidate i are vector i + 1.
+  FixedList<std::size_t> local;  ///< candidates in the tile or near it
+  AlignedVector<float> loops;    ///< [vectors / kLanes, faces, kLanes] L⁻¹l of all vectors
+  Image<float> overlap;          ///< [vectors, vectors] lᵀ(RᵀR)⁻¹l
   AlignedVector<float> gain;  ///< [candidates] lᵀ(RᵀR)⁻¹ times the loops not yet explained
   AlignedVector<float> cost;  ///< −log-odds times prior_weight
   std::vector<std::uint8_t> chosen;

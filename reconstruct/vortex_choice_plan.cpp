@@ -44,17 +44,12 @@ ChoiceTile::ChoiceTile(int row, int col, const Image<std::uint8_t>& valid)
     const int face = lattice_.face_of(corner) - kOutsides;
     unknown_[as_size(corner)] = face < 0 ? -1 : factor_.position()[as_size(face)];
   }
-  std::vector<std::uint8_t> marked(as_size(factor_.size()));
-  std::vector<std::int32_t> columns(marked.size());
-  for (int r = 0; r <= lattice_.rows(); ++r) {
-    for (int c = 0; c <= lattice_.cols(); ++c) {
-      EliminationPath path(factor_, marked, columns.data());
-      for_each_cell(lattice_, static_cast<float>(c) - 0.5F, static_cast<float>(r) - 0.5F,
-                    [&](int corner, int, int) {
-                      if (unknown_of(corner) >= 0) path.add(unknown_of(corner));
-                    });
-      longest_path_ = std::max(longest_path_, path.finish());
-    }
+  for (int k = 0; k < lattice_.rows() * lattice_.cols(); ++k) {
+    if (lattice_.phase_group_of(k) < 0) continue;
+    Lenslet lenslet{row + k / lattice_.cols(), col + k % lattice_.cols(), {}};
+    const auto corner = lattice_.corners_of(k);
+    for (std::size_t i = 0; i < corner.size(); ++i) lenslet.unknown[i] = unknown_of(corner[i]);
+    lenslets_.push_back(lenslet);
   }
 }
 

@@ -2,6 +2,7 @@
 // their loops.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -33,6 +34,13 @@ struct VortexChoiceOptions {
 /// are a gradient inside it.
 class ChoiceTile {
  public:
+  /// This is a lenslet of the tile that the pupil has.
+  struct Lenslet {
+    std::int32_t row;  ///< of the array
+    std::int32_t col;
+    std::array<std::int32_t, 4> unknown;  ///< of the faces at its corners 00, 01, 10 and 11
+  };
+
   /// `valid` is the map of the tile's lenslets, of which the first is (row, col) of the array.
   ChoiceTile(int row, int col, const Image<std::uint8_t>& valid);
 
@@ -42,8 +50,7 @@ class ChoiceTile {
   const CholeskyFactor& factor() const { return factor_; }
   /// Returns the unknown of a corner's face, and −1 outside the pupil.
   std::int32_t unknown_of(int corner) const { return unknown_[static_cast<std::size_t>(corner)]; }
-  /// Returns how many elements L⁻¹l of one vortex has at most.
-  std::size_t longest_path() const { return longest_path_; }
+  const std::vector<Lenslet>& lenslets() const { return lenslets_; }
 
  private:
   CholeskyFactor make_factor() const;
@@ -53,7 +60,7 @@ class ChoiceTile {
   Lattice lattice_;
   CholeskyFactor factor_;
   std::vector<std::int32_t> unknown_;  // [corners]
-  std::size_t longest_path_ = 0;
+  std::vector<Lenslet> lenslets_;
 };
 
 /// The plan divides the array into tiles. An array of up to kCore + 2·kMargin lenslets a side is
