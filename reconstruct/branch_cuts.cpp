@@ -1,6 +1,7 @@
 #include "reconstruct/branch_cuts.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -15,7 +16,8 @@ constexpr std::int32_t kFar = std::numeric_limits<std::int32_t>::max() / 4;
 // This limit is generous: where 250 residues had 40 possible partners each, cuts were as short with
 // 64, and 12 were too few.
 constexpr std::size_t kMaxPartners = 128;
-constexpr std::int8_t kSource = 4;  // value of came_by where the path begins
+constexpr std::int8_t kSource = 4;     // value of came_by where the path begins
+constexpr std::int32_t kOutside = -1;  // distance of what is no cell
 
 /// The sides of a cell are top, right, bottom and left. The way round the cell runs along its top
 /// edge to the right and down its right edge. It passes the other two edges against their sense,
@@ -31,7 +33,11 @@ std::int32_t turns_of(float difference) {
 class Cutter {
  public:
   Cutter(const Image<float>& wrapped, BranchCutWorkspace& ws)
-      : wrapped_(wrapped), ws_(ws), rows_(wrapped.rows()), cols_(wrapped.cols()) {}
+      : wrapped_(wrapped),
+        ws_(ws),
+        rows_(wrapped.rows()),
+        cols_(wrapped.cols()),
+        steps_{-cols_, 1, cols_, -1} {}
 
   void run(const Image<float>& flux, const Image<std::uint8_t>& valid, Image<float>& unwrapped) {
     find_residues();
@@ -46,8 +52,7 @@ class Cutter {
   }
 
  private:
-  int cell_rows() const { return rows_ - 1; }
-  int cell_cols() const { return cols_ - 1; }
+  std::int32_t cell_at(int row, int col) const { return (row + 1) * cols_ + col; }
   std::int32_t terminals() const { return static_cast<std::int32_t>(ws_.residues.size()) + 1; }
   std::int32_t outside() const { return terminals() - 1; }
 
@@ -62,13 +67,13 @@ class Cutter {
       }
     }
     ws_.residues.clear();
-    for (int r = 0; r < cell_rows(); ++r) {
-      for (int c = 0; c < cell_cols(); ++c) {
+    for (int r = 0; r + 1 < rows_; ++r) {
+      for (int c = 0; c + 1 < cols_; ++c) {
         const int charge = ws_.turns_right(r, c) + ws_.turns_down(r, c + 1) -
                            ws_.turns_right(r + 1, c) - ws_.turns_down(r, c);
         // The short differences round the cell add up to −2π·charge, where `charge` counts the
         // turns taken off.
-        if (charge != 0) ws_.residues.push({r * cell_cols() + c, -charge});
+        if (charge != 0) ws_.residues.push({cell_at(r, c), -charge});
       }
     }
   }
@@ -96,65 +101,54 @@ class Cutter {
     for (int r = 0; r < rows_; ++r) {
       for (int c = 0; c < cols_; ++c) {
         const auto k = as_size(r * cols_ + c);
-        ws_.cost_right[k] = c + 1 < cols_ ? cost(k, k + 1) : 0;
-        ws_.cost_down[k] = r + 1 < rows_ ? cost(k, k + as_size(cols_)) : 0;
+        const std::size_t cell = as_size(cell_at(r, c));
+        ws_.cost_right[cell] = c + 1 < cols_ ? cost(k, k + 1) : 0;
+        ws_.cost_down[cell] = r + 1 < rows_ ? cost(k, k + as_size(cols_)) : 0;
       }
     }
   }
 
-  /// This is the edge on one side of a cell: its first lenslet, and whether it runs to the right.
+  /// This is the edge on one side of a cell: the cell with the number of its first lenslet, and
+  /// whether it runs to the right.
   struct Edge {
-    std::int32_t lenslet;
+    std::int32_t cell;
     bool right;
   };
   Edge edge_of(std::int32_t cell, int side) const {
-    const std::int32_t k = cell / cell_cols() * cols_ + cell % cell_cols();
-    switch (side) {
-      case 0:
-        return {k, true};
-      case 1:
-        return {k + 1, false};
-      case 2:
-        return {k + cols_, true};
-      default:
-        return {k, false};
-    }
+    return {side == 1 || side == 2 ? beyond(cell, side) : cell, side % 2 == 0};
   }
   std::int32_t cost_of(std::int32_t cell, int side) const {
     const Edge edge = edge_of(cell, side);
-    return edge.right ? ws_.cost_right[as_size(edge.lenslet)]
-                      : ws_.cost_down[as_size(edge.lenslet)];
+    return (edge.right ? ws_.cost_right : ws_.cost_down)[as_size(edge.cell)];
   }
-  /// Returns the cell beyond a side, and −1 outside the array.
   std::int32_t beyond(std::int32_t cell, int side) const {
-    const std::int32_t row = cell / cell_cols();
-    const std::int32_t col = cell % cell_cols();
-    switch (side) {
-      case 0:
-        return row > 0 ? cell - cell_cols() : -1;
-      case 1:
-        return col + 1 < cell_cols() ? cell + 1 : -1;
-      case 2:
-        return row + 1 < cell_rows() ? cell + cell_cols() : -1;
-      default:
-        return col > 0 ? cell - 1 : -1;
-    }
+    return cell + steps_[static_cast<unsigned>(side)];
+  }
+  bool is_outside(std::int32_t cell) const { return ws_.distance[as_size(cell)] == kOutside; }
+
+  /// Calls use(cell) for all cells of the array.
+  template <typename Use>
+  void for_each_cell(Use use) const {
+    for (int r = 0; r + 1 < rows_; ++r)
+      for (int c = 0; c + 1 < cols_; ++c) use(cell_at(r, c));
   }
 
   /// Grows shortest paths from every residue and from outside the array, so that each cell belongs
   /// to the nearest of these.
   void grow_regions() {
-    std::fill(ws_.distance.begin(), ws_.distance.end(), kFar);
+    std::fill(ws_.distance.begin(), ws_.distance.end(), kOutside);
+    std::fill(ws_.owner.begin(), ws_.owner.end(), outside());
+    for_each_cell([&](std::int32_t cell) { ws_.distance[as_size(cell)] = kFar; });
     std::fill(ws_.bucket.begin(), ws_.bucket.end(), -1);
     n_entries_ = 0;
     waiting_ = 0;
     for (std::int32_t i = 0; i < outside(); ++i)
       reach(ws_.residues[as_size(i)].cell, 0, i, kSource);
-    for (std::int32_t cell = 0; cell < cell_rows() * cell_cols(); ++cell) {
+    for_each_cell([&](std::int32_t cell) {
       for (int side = 0; side < 4; ++side)
-        if (beyond(cell, side) < 0)
+        if (is_outside(beyond(cell, side)))
           reach(cell, cost_of(cell, side), outside(), static_cast<std::int8_t>(side));
-    }
+    });
     for (std::int32_t at = 0; waiting_ > 0; ++at) {
       std::int32_t& head = ws_.bucket[as_size(at % kBuckets)];
       while (head >= 0) {
@@ -163,12 +157,9 @@ class Cutter {
         --waiting_;
         const std::int32_t cell = ws_.entry_cell[as_size(entry)];
         if (ws_.entry_distance[as_size(entry)] != ws_.distance[as_size(cell)]) continue;
-        for (int side = 0; side < 4; ++side) {
-          const std::int32_t to = beyond(cell, side);
-          if (to >= 0)
-            reach(to, at + cost_of(cell, side), ws_.owner[as_size(cell)],
-                  static_cast<std::int8_t>((side + 2) % 4));
-        }
+        for (int side = 0; side < 4; ++side)
+          reach(beyond(cell, side), at + cost_of(cell, side), ws_.owner[as_size(cell)],
+                static_cast<std::int8_t>((side + 2) % 4));
       }
     }
   }
@@ -197,27 +188,31 @@ class Cutter {
         ws_.via(i, j) = j;
       }
     }
-    for (std::int32_t cell = 0; cell < cell_rows() * cell_cols(); ++cell) {
+    for_each_cell([&](std::int32_t cell) {
       const std::int32_t a = ws_.owner[as_size(cell)];
       for (int side = 0; side < 4; ++side) {
         const std::int32_t other = beyond(cell, side);
-        const std::int32_t b = other < 0 ? outside() : ws_.owner[as_size(other)];
+        const std::int32_t b = ws_.owner[as_size(other)];
         if (a == b) continue;
         const std::int32_t length = ws_.distance[as_size(cell)] + cost_of(cell, side) +
-                                    (other < 0 ? 0 : ws_.distance[as_size(other)]);
+                                    std::max(ws_.distance[as_size(other)], 0);
         if (length >= ws_.between(a, b)) continue;
         ws_.between(a, b) = ws_.between(b, a) = length;
         ws_.contact(a, b) = ws_.contact(b, a) = 4 * cell + side;
       }
-    }
+    });
     for (std::int32_t k = 0; k < n; ++k) {
+      const std::int32_t* const from_k = &ws_.between(k, 0);
       for (std::int32_t i = 0; i < n; ++i) {
         const std::int32_t first = ws_.between(i, k);
-        if (first >= kFar) continue;
+        if (i == k || first >= kFar) continue;
+        const std::int32_t via_k = ws_.via(i, k);
+        std::int32_t* __restrict between = &ws_.between(i, 0);
+        std::int32_t* __restrict via = &ws_.via(i, 0);
         for (std::int32_t j = 0; j < n; ++j) {
-          if (first + ws_.between(k, j) >= ws_.between(i, j)) continue;
-          ws_.between(i, j) = first + ws_.between(k, j);
-          ws_.via(i, j) = ws_.via(i, k);
+          const std::int32_t length = first + from_k[j];
+          via[j] = length < between[j] ? via_k : via[j];
+          between[j] = std::min(length, between[j]);
         }
       }
     }
@@ -265,7 +260,7 @@ class Cutter {
       const int carried = forward ? charge : -charge;  // charge carried from `cell` to `other`
       carry(cell, side, carried);
       retrace(cell, -carried);
-      if (other >= 0) retrace(other, carried);
+      if (!is_outside(other)) retrace(other, carried);
       from = step;
     }
   }
@@ -274,13 +269,13 @@ class Cutter {
   /// charge.
   void carry(std::int32_t cell, int side, int charge) {
     const Edge edge = edge_of(cell, side);
-    auto& turns = (edge.right ? ws_.turns_right : ws_.turns_down)[as_size(edge.lenslet)];
+    auto& turns = (edge.right ? ws_.turns_right : ws_.turns_down)[as_size(edge.cell - cols_)];
     turns = static_cast<std::int8_t>(turns + charge * kAlong[side]);
   }
 
   /// Carries a charge from a cell back to where its shortest path began.
   void retrace(std::int32_t cell, int charge) {
-    while (cell >= 0 && ws_.came_by[as_size(cell)] != kSource) {
+    while (!is_outside(cell) && ws_.came_by[as_size(cell)] != kSource) {
       const int side = static_cast<unsigned char>(ws_.came_by[as_size(cell)]);
       carry(cell, side, charge);
       cell = beyond(cell, side);
@@ -323,6 +318,7 @@ class Cutter {
   BranchCutWorkspace& ws_;
   int rows_;
   int cols_;
+  std::array<std::int32_t, 4> steps_;  // from a cell to the cells beyond its sides
   std::int32_t n_entries_ = 0;
   std::int32_t waiting_ = 0;
 };
@@ -334,11 +330,11 @@ BranchCutWorkspace::BranchCutWorkspace(int rows, int cols, std::size_t capacity)
       cuts(2 * as_size(rows) * as_size(cols)),
       turns_right(rows, cols),
       turns_down(rows, cols),
-      cost_right(turns_right.size()),
-      cost_down(turns_right.size()),
-      distance(turns_right.size()),
-      owner(turns_right.size()),
-      came_by(turns_right.size()),
+      cost_right(as_size(rows + 1) * as_size(cols)),
+      cost_down(cost_right.size()),
+      distance(cost_right.size()),
+      owner(cost_right.size()),
+      came_by(cost_right.size()),
       bucket(as_size(kBuckets)),
       next(8 * turns_right.size()),
       entry_cell(next.size()),

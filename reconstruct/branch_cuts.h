@@ -22,6 +22,9 @@ struct CutEdge {
 struct BranchCutWorkspace {
   BranchCutWorkspace(int rows, int cols, std::size_t capacity);
 
+  /// A cell has the number of its first lenslet and cols more: there is a row outside the array
+  /// before the first. What would be a cell of the last row or column lies outside, too. So the
+  /// cells round any other are 1 and cols away.
   struct Residue {
     std::int32_t cell = 0;
     std::int32_t charge = 0;
@@ -33,7 +36,7 @@ struct BranchCutWorkspace {
 
   Image<std::int8_t> turns_right;  ///< [rows, cols] for the edge to the next column's lenslet
   Image<std::int8_t> turns_down;
-  AlignedVector<std::int32_t> cost_right;  ///< costs of cutting these edges
+  AlignedVector<std::int32_t> cost_right;  ///< [cells] costs of cutting these edges
   AlignedVector<std::int32_t> cost_down;
   AlignedVector<std::int32_t> distance;  ///< [cells] to the nearest residue or the array's edge
   AlignedVector<std::int32_t> owner;     ///< [cells] index of that residue, or their number
