@@ -51,6 +51,7 @@ void visit_config(ConfigType& config, Visitor&& visit) {
   visit("detect", "min_circulation_rad", detect.min_circulation_rad, Range{1e-6, 100});
   visit("detect", "lobe_fraction", detect.lobe_fraction, Range{0.0, 0.99});
   visit("detect", "min_probability", detect.min_probability, Range{1e-6, 0.999999});
+  visit("detect", "review", detect.review, kNotNegative);
   auto& track = config.track;
   visit("track", "enabled", track.enabled, kNotNegative);
   visit("track", "false_tracks_per_frame", track.false_tracks_per_frame, Range{1e-12, 1e3});

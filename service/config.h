@@ -59,6 +59,8 @@ struct DetectSettings : CirculationOptions {
   DetectMethod method = DetectMethod::kAuto;
   /// The methods whitened and classifier report no vortex that is less probable than this.
   double min_probability = 0.5;
+  /// Whether the classifier's larger network looks again at what the smaller one sees.
+  bool review = true;
 };
 
 /// Section [track].

@@ -119,6 +119,8 @@ void refuse_settings_without_effect(const Config& config) {
   if (detect.method == DetectMethod::kClassifier && states_false_alarms(detect))
     refuse("a rate of false alarms (--false-alarms, [detect] false_alarms_per_frame)",
            "circulation and whitened");
+  if (detect.method != DetectMethod::kClassifier && detect.review != defaults.review)
+    refuse("[detect] review", "the classifier");
   if (detect.method == DetectMethod::kCirculation) {
     if (detect.min_probability != defaults.min_probability)
       refuse("[detect] min_probability", "whitened and the classifier");

@@ -37,8 +37,9 @@ VortexDetectionPlan::VortexDetectionPlan(const Sensor& sensor, const FrameFormat
   const double min_probability =
       unlikely_too ? std::min(kCandidateProbability, min_probability_) : min_probability_;
   if (choice_.method == DetectMethod::kClassifier) {
-    classifier_.emplace(ClassifierOptions{.min_probability = min_probability}, spot_camera(sensor),
-                        format);
+    ClassifierOptions classifier{.min_probability = min_probability};
+    if (!config.detect.review) classifier.min_review = kNoNode;
+    classifier_.emplace(classifier, spot_camera(sensor), format);
   } else if (choice_.method == DetectMethod::kWhitened) {
     WhitenedOptions whitened;
     whitened.false_alarms_per_frame = config.detect.false_alarms_per_frame;

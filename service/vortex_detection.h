@@ -52,7 +52,7 @@ struct VortexDetectionWorkspace {
 
   /// Returns whether no vortex was looked for, because the classifier does not know such wide
   /// spots.
-  bool spots_are_too_wide() const { return classifier && classifier->coding == nullptr; }
+  bool spots_are_too_wide() const { return classifier && classifier->judged.coding == nullptr; }
 
   std::optional<WhitenedWorkspace> whitened;
   std::optional<ClassifierWorkspace> classifier;

@@ -12,7 +12,27 @@ namespace {
 
 constexpr float kShippedNumbers[] = {
 #include "detect/classifier/vortex_classifier_weights.inc"
+#include "detect/classifier/vortex_reviewer_weights.inc"
 };
+
+constexpr int inputs_of(int layer) {
+  using Network = ClassifierNetwork;
+  switch (layer) {
+    case Network::kJudge.encoder:
+    case Network::kReviewer.encoder:
+      return kTaughtInputs;
+    case Network::kJudge.head:
+      return kPatchLenslets * Network::kJudge.code;
+    case Network::kReviewer.head:
+      return kPatchLenslets * Network::kReviewer.code;
+    case Network::kScout:
+      return kScoutFeatures;
+    case Network::kScreen:
+      return kScreenPatch * kScreenPatch * Network::kJudge.code;
+    default:
+      return Network::kOutputs[static_cast<std::size_t>(layer) - 1];
+  }
+}
 
 }  // namespace
 
@@ -23,14 +43,8 @@ DenseLayer::DenseLayer(int n_inputs, int n_outputs)
       bias(static_cast<std::size_t>(n_outputs)) {}
 
 ClassifierNetwork::ClassifierNetwork() {
-  for (int i = 0; i < kLayers; ++i) {
-    const int inputs = i == 0             ? kTaughtInputs
-                       : i == kEncoderEnd ? kWidest
-                       : i == kHeadEnd    ? kScoutFeatures
-                       : i == kScoutEnd   ? kScreenPatch * kScreenPatch * kCode
-                                          : layers.back().outputs;
-    layers.emplace_back(inputs, kOutputs[static_cast<std::size_t>(i)]);
-  }
+  for (int i = 0; i < kLayers; ++i)
+    layers.emplace_back(inputs_of(i), kOutputs[static_cast<std::size_t>(i)]);
 }
 
 std::size_t ClassifierNetwork::number_count() {
@@ -52,6 +66,17 @@ ClassifierNetwork::ClassifierNetwork(std::span<const float> numbers) : Classifie
       numbers = numbers.subspan(part->size());
     }
   }
+}
+
+const float* apply_layers(const ClassifierNetwork& network, int first, int last, int n, float* in,
+                          float* out) noexcept {
+  for (int i = first; i < last; ++i) {
+    const DenseLayer& layer = network.layers[static_cast<std::size_t>(i)];
+    multiply({in, layer.inputs, 1}, layer.weights.data(), layer.bias.data(), n, layer.inputs,
+             layer.outputs, ClassifierNetwork::rectified(i), out);
+    std::swap(in, out);
+  }
+  return in;
 }
 
 ClassifierNetwork shipped_classifier_network() { return ClassifierNetwork(kShippedNumbers); }

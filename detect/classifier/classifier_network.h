@@ -1,5 +1,5 @@
-// This file declares the network of the vortex classifier: an encoder of spots, and a head that
-// judges 4×4 of them.
+// This file declares the network of the vortex classifier: encoders of spots, and heads that judge
+// 4×4 of them.
 #pragma once
 
 #include <array>
@@ -57,27 +57,40 @@ inline constexpr int kFirstPairOutput = 2 * kNodeOutputs;  ///< the PairOutput f
 inline constexpr float kMinLogScale = -1.0F;
 inline constexpr float kMaxLogScale = 4.0F;
 
+/// Says which layers are an encoder, which turns kTaughtInputs numbers into the code of a spot, and
+/// the head that goes with it, which turns the codes of kPatchLenslets spots into two NodeOutput
+/// (charge +1, then −1) and a PairOutput.
+struct JudgeLayers {
+  int encoder;  ///< the first layer of the encoder
+  int head;     ///< the first layer of the head
+  int end;      ///< the first layer after the head
+  int code;     ///< numbers in a code
+};
+
 /// Holds the layers of four parts:
-/// - The encoder turns kTaughtInputs numbers into kCode.
-/// - The head turns kPatchLenslets·kCode numbers into two NodeOutput (charge +1, then −1) and a
-///   PairOutput.
+/// - The judge is an encoder and a head.
 /// - The scout says from centroids and circulation alone whether a node deserves the others. It
 ///   turns kScoutFeatures numbers into a logit and padding.
-/// - The screen says the same from the codes of the inner kScreenPatch² lenslets alone. It turns
-///   these into a logit and padding.
+/// - The screen says the same from the judge's codes of the inner kScreenPatch² lenslets alone. It
+///   turns these into a logit and padding.
+/// - The reviewer is a second, larger judge, for nodes at which the first sees something.
 struct ClassifierNetwork {
-  static constexpr int kEncoderEnd = 2;
-  static constexpr int kHeadEnd = 5;
-  static constexpr int kScoutEnd = 7;
-  static constexpr int kLayers = 9;
-  static constexpr std::array<int, kLayers> kOutputs{32, 16, 64, 32, 16, 8, 8, 16, 8};
-  static constexpr int kCode = kOutputs[kEncoderEnd - 1];
-  static constexpr int kWidest = kPatchLenslets * kCode;
+  static constexpr int kLayers = 14;
+  static constexpr std::array<int, kLayers> kOutputs{32, 16, 64, 32, 16, 8,  8,
+                                                     16, 8,  48, 24, 96, 48, 16};
+  static constexpr JudgeLayers kJudge{0, 2, 5, kOutputs[1]};
+  static constexpr int kScout = kJudge.end;   ///< the first layer of the scout
+  static constexpr int kScreen = kScout + 2;  ///< the first layer of the screen
+  static constexpr JudgeLayers kReviewer{9, 11, kLayers, kOutputs[10]};
+  static_assert(kScreen + 2 == kReviewer.encoder);
+  static constexpr int kMostInputs = kPatchLenslets * kReviewer.code;  ///< of all layers
 
   /// Returns whether negative outputs of a layer become 0. Those of all layers do, but for the
   /// layers that give the answers.
   static constexpr bool rectified(int layer) {
-    return layer + 1 != kHeadEnd && layer + 1 != kScoutEnd && layer + 1 != kLayers;
+    for (const int after : {kJudge.end, kScreen, kReviewer.encoder, kReviewer.end})
+      if (layer + 1 == after) return false;
+    return true;
   }
 
   ClassifierNetwork();
@@ -89,7 +102,13 @@ struct ClassifierNetwork {
   std::vector<DenseLayer> layers;
 };
 
-/// Returns the network that comes with the program. The file of its weights says how it was
+/// Applies layers [first, last) to n samples in `in`. Returns the buffer that holds the result.
+/// Both buffers are used, and each must have room for n times the most inputs or outputs of these
+/// layers.
+const float* apply_layers(const ClassifierNetwork& network, int first, int last, int n, float* in,
+                          float* out) noexcept;
+
+/// Returns the network that comes with the program. The two files of its weights say how it was
 /// trained.
 ClassifierNetwork shipped_classifier_network();
 

@@ -1,5 +1,5 @@
 // This file declares the accurate detector, `classifier`: a small trained network looks at the
-// spots round every likely node.
+// spots round every likely node, and a larger one where that sees something.
 #pragma once
 
 #include <cstddef>
@@ -11,8 +11,8 @@
 #include "core/image.h"
 #include "core/vortex.h"
 #include "detect/classifier/classifier_network.h"
-#include "detect/classifier/frame_blur.h"
 #include "detect/classifier/lit_nodes.h"
+#include "detect/classifier/patch_judge.h"
 #include "detect/classifier/patch_layer.h"
 #include "detect/classifier/spot_features.h"
 #include "detect/classifier/vortex_scout.h"
@@ -21,6 +21,7 @@
 namespace curlew {
 
 inline constexpr double kEveryNode = -1e29;
+inline constexpr double kNoNode = 1e29;
 
 struct ClassifierOptions {
   double min_probability = 0.5;  ///< less likely vortices are not reported; in (0, 1)
@@ -30,6 +31,9 @@ struct ClassifierOptions {
   /// Nodes to which the screen gives a lower logit than this are not judged. At kEveryNode or
   /// below, there is no screen.
   double min_screen = -2.5;
+  /// Nodes to which the judge gives a higher logit for a vortex or a pair are reviewed: the answer
+  /// is then the mean of the judge's and the reviewer's. At kNoNode or above, none is reviewed.
+  double min_review = -2.0;
   /// If true, the classifier sums in the order and to the precision of the training and has no
   /// screen, which is slower. Probabilities differ by less than .01, except where a spot's signal
   /// is not above 0 and its noise is not known.
@@ -52,14 +56,10 @@ class ClassifierPlan {
   int rows() const { return features_.rows(); }  ///< in lenslets
   int cols() const { return features_.cols(); }
   float pixels_per_lambda_w() const { return pixels_per_lambda_w_; }
-  /// Returns what the encoder is told of the sensor, by the blur of a frame's spots.
-  const SpotCodings& codings() const { return codings_; }
-  /// Return the first layers of head and screen in fixed point.
-  const PatchLayer& judging() const { return judging_; }
+  const PatchJudge& judge() const { return judge_; }
+  const PatchJudge& reviewer() const { return reviewer_; }
+  /// Returns the first layer of the screen in fixed point.
   const PatchLayer& screening() const { return screening_; }
-  /// Return the code of a missing lenslet, [ClassifierNetwork::kCode].
-  const float* missing_code() const { return missing_code_.data(); }
-  const std::int16_t* missing_rounded() const { return missing_rounded_.data(); }
   /// Returns whether nodes are screened before they are judged.
   bool screens() const { return options_.min_screen > kEveryNode && !options_.as_trained; }
 
@@ -67,32 +67,29 @@ class ClassifierPlan {
   ClassifierOptions options_;
   SpotFeatures features_;
   ClassifierNetwork network_;
-  SpotCodings codings_;
-  PatchLayer judging_;
+  PatchJudge judge_;
+  PatchJudge reviewer_;
   PatchLayer screening_;
   float pixels_per_lambda_w_;
-  AlignedVector<float> missing_code_;
-  AlignedVector<std::int16_t> missing_rounded_;
 };
 
-/// These are the buffers of one frame, made once. Padded maps are one lenslet wider all round.
+/// These are the buffers of one frame, made once.
 struct ClassifierWorkspace {
   explicit ClassifierWorkspace(const ClassifierPlan& plan);
 
-  static constexpr int kChunk = 48;  ///< lenslets or nodes that go through a layer together
-
-  /// What the encoder is told in this frame. Null where the spots are wider than it was taught.
-  const SpotCoding* coding = nullptr;
   ScoutWorkspace scout;
-  Image<std::int16_t> codes;         ///< padded, [rows + 2, (cols + 2)·kCode], in 1/kCodeSteps
-  Image<float> exact_codes;          ///< codes as floats, where options.as_trained
-  Image<std::uint8_t> wanted;        ///< padded, and to a multiple of 8 columns: 1 wanted, 3 listed
-  FixedList<std::int32_t> nodes;     ///< nodes to be judged, row·(cols − 1) + col
-  FixedList<std::int32_t> lenslets;  ///< lenslets encoded last
-  int encoded = 0;                   ///< number of lenslets encoded in all
-  AlignedVector<float> a;            ///< numbers of a chunk between layers
-  AlignedVector<float> b;
-  AlignedVector<float> exponentials;  ///< exponentials of the head's answers for a chunk
+  SpotCodes judged;    ///< the spots' codes for the judge
+  SpotCodes reviewed;  ///< and for the reviewer
+  MeasuredSpots measured;
+  /// One lenslet wider all round, and to a multiple of 8 columns: 1 wanted, 3 listed.
+  Image<std::uint8_t> wanted;
+  FixedList<std::int32_t> lenslets;   ///< lenslets encoded last
+  FixedList<std::int32_t> nodes;      ///< nodes to be judged, row·(cols − 1) + col
+  FixedList<std::int32_t> to_review;  ///< those that are reviewed
+  FixedList<std::int32_t> places;     ///< where these stand in `nodes`
+  AlignedVector<float> answers;       ///< [nodes, two NodeOutput and a PairOutput]
+  AlignedVector<float> exponentials;  ///< of the answers
+  LayerBuffers buffers;
   VortexViews views;
   LitNodes lit;
 };
@@ -101,8 +98,8 @@ struct ClassifierWorkspace {
 /// allocates. `shift` says how level, noise and places of the spots differ from the calibration. An
 /// opposite pair nearer than about a pitch is one entry of charge 0 with kVortexUnresolvedPair
 /// where that is likelier than either of the two alone; its probability is that of such a pair.
-/// Where the spots are wider than those of the calibration, the encoder is told so; where they are
-/// wider than it was taught, nothing is found, and workspace.coding is null.
+/// Where the spots are wider than those of the calibration, the encoders are told so; where they
+/// are wider than these were taught, nothing is found, and workspace.judged.coding is null.
 /// Lenslets that are missing by is_missing() (vortex_scout.h) are left out. So are nodes of which
 /// two or more of the four lenslets are missing, or one that is not alone: over 3 of the 16 round
 /// them.

@@ -24,7 +24,7 @@ ScoutWorkspace::ScoutWorkspace(int rows, int cols)
       circulation(rows + 1, brightness.cols()),
       noise(rows - 1, brightness.cols()),
       features(kScoutFeatures, padded(cols - 1)),
-      hidden(ClassifierNetwork::kOutputs[ClassifierNetwork::kHeadEnd], features.cols()),
+      hidden(ClassifierNetwork::kOutputs[ClassifierNetwork::kScout], features.cols()),
       logits(rows - 1, features.cols()),
       bias(static_cast<std::size_t>(features.cols())) {}
 
@@ -102,8 +102,8 @@ void describe_nodes(int row, ScoutWorkspace& workspace) noexcept {
 }
 
 void scout_nodes(const ClassifierNetwork& network, ScoutWorkspace& workspace) noexcept {
-  const DenseLayer& first = network.layers[ClassifierNetwork::kHeadEnd];
-  const DenseLayer& second = network.layers[ClassifierNetwork::kHeadEnd + 1];
+  const DenseLayer& first = network.layers[ClassifierNetwork::kScout];
+  const DenseLayer& second = network.layers[ClassifierNetwork::kScout + 1];
   const int stride = workspace.features.cols();
   std::fill(workspace.bias.begin(), workspace.bias.end(), second.bias[0]);
   for (int row = 0; row < workspace.logits.rows(); ++row) {

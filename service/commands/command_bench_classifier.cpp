@@ -52,19 +52,21 @@ std::vector<ClassifierCase> classifier_cases() {
 struct ClassifierCost {
   double required = 0.0;  ///< true vortices that are required
   double reported = 0.0;
-  double nodes = 0.0;  ///< nodes that were judged
+  double nodes = 0.0;     ///< nodes that were judged
+  double reviewed = 0.0;  ///< nodes that were reviewed
   double lenslets = 0.0;
   LatencyHistogram times;
 };
 
-ClassifierCost measure_cost(const ClassifierCase& which, const ClassifierBenchOptions& options,
-                            const RealisationCache& cache) {
+ClassifierCost measure_cost(const ClassifierCase& which, double min_review,
+                            const ClassifierBenchOptions& options, const RealisationCache& cache) {
   using Clock = std::chrono::steady_clock;
   MeasurementOptions measurement;
   measurement.photons = options.photons;
   const MeasurementPlan plan(which.field, measurement);
-  const ClassifierPlan classifier({.min_probability = options.min_probability},
-                                  spot_camera(plan.sensor()), plan.format());
+  const ClassifierPlan classifier(
+      {.min_probability = options.min_probability, .min_review = min_review},
+      spot_camera(plan.sensor()), plan.format());
   ClassifierWorkspace workspace(classifier);
   VortexList vortices(classifier.features().lenslet_count());
   MeasuredFrame frame(plan);
@@ -87,9 +89,10 @@ ClassifierCost measure_cost(const ClassifierCase& which, const ClassifierBenchOp
     }
     cost.reported += static_cast<double>(vortices.size());
     cost.nodes += static_cast<double>(workspace.nodes.size());
-    cost.lenslets += static_cast<double>(workspace.encoded);
+    cost.reviewed += static_cast<double>(workspace.to_review.size());
+    cost.lenslets += static_cast<double>(workspace.measured.count);
   }
-  for (double* sum : {&cost.required, &cost.reported, &cost.nodes, &cost.lenslets})
+  for (double* sum : {&cost.required, &cost.reported, &cost.nodes, &cost.reviewed, &cost.lenslets})
     *sum /= which.realisations;
   return cost;
 }
@@ -101,9 +104,9 @@ void bench_classifier(const ClassifierBenchOptions& options) {
   json["photons"] = options.photons;
   json["min_probability"] = options.min_probability;
   std::string text;
-  for (const ClassifierCase& which : classifier_cases()) {
+  const auto measure = [&](const ClassifierCase& which, double min_review) {
     const FieldParameters& field = which.field;
-    const ClassifierCost cost = measure_cost(which, options, cache);
+    const ClassifierCost cost = measure_cost(which, min_review, options, cache);
     const auto us = [&](double part) {
       return 1e-3 * static_cast<double>(cost.times.percentile_ns(part));
     };
@@ -116,16 +119,20 @@ void bench_classifier(const ClassifierBenchOptions& options) {
                              {"vortices", cost.required},
                              {"reported", cost.reported},
                              {"nodes_judged", cost.nodes},
+                             {"nodes_reviewed", cost.reviewed},
                              {"lenslets_encoded", cost.lenslets},
                              {"p50_us", us(0.5)},
                              {"p90_us", us(0.9)},
                              {"p99_us", us(0.99)}});
     text += fmt::format(
-        "{:>3} x {:<3} {:>7} {:>9} {:>9.1f} {:>9.1f} {:>7.0f} {:>9.0f} {:>8.1f} {:>8.1f} "
+        "{:>3} x {:<3} {:>7} {:>9} {:>9.1f} {:>9.1f} {:>7.0f} {:>9.0f} {:>9.0f} {:>8.1f} {:>8.1f} "
         "{:>8.1f}\n",
         field.cols, field.rows, field.lenslet, field.rytov_variance, cost.required, cost.reported,
-        cost.nodes, cost.lenslets, us(0.5), us(0.9), us(0.99));
-  }
+        cost.nodes, cost.reviewed, cost.lenslets, us(0.5), us(0.9), us(0.99));
+  };
+  for (const ClassifierCase& which : classifier_cases())
+    for (const double min_review : {ClassifierOptions{}.min_review, kNoNode})
+      measure(which, min_review);
   if (options.json) {
     fmt::print("{}\n", json.dump(2));
     return;
@@ -133,7 +140,9 @@ void bench_classifier(const ClassifierBenchOptions& options) {
   fmt::print(
       "The vortex classifier on one thread, frames of propagated fields, {} photons, means a "
       "frame\n\n"
-      "lenslets   side  variance  vortices  reported   nodes  lenslets   p50 us   p90 us   p99 us\n"
+      "lenslets   side  variance  vortices  reported   nodes  reviewed  lenslets   p50 us   p90 us "
+      "  "
+      "p99 us\n"
       "{}",
       options.photons, text);
 }

@@ -17,7 +17,7 @@ namespace {
 struct TrainOptionsOfBench {
   TrainingOptions training;
   std::string cache = default_realisation_folder();
-  std::string out = "vortex_classifier_weights.inc";
+  std::string out;  ///< empty: as the file in detect/classifier/
 };
 
 void bench_train(const TrainOptionsOfBench& options) {
@@ -31,12 +31,16 @@ void bench_train(const TrainOptionsOfBench& options) {
       });
   const std::string command = fmt::format(
       "curlew bench train --fields {} --validation {} --steps {} --batch {} --rate {} "
-      "--seed {}{}",
+      "--seed {}{}{}",
       training.fields, training.validation_fields, training.steps, training.batch,
-      training.learning_rate, training.seed, training.from_shipped ? " --from-shipped" : "");
-  std::ofstream file(options.out);
-  file << weights_text(report, command);
-  if (!file.flush()) throw Failure(fmt::format("{} cannot be written", options.out));
+      training.learning_rate, training.seed, training.from_shipped ? " --from-shipped" : "",
+      training.reviewer ? " --reviewer" : "");
+  const std::string out = !options.out.empty() ? options.out
+                          : training.reviewer  ? "vortex_reviewer_weights.inc"
+                                               : "vortex_classifier_weights.inc";
+  std::ofstream file(out);
+  file << weights_text(report, training, command);
+  if (!file.flush()) throw Failure(fmt::format("{} cannot be written", out));
   fmt::print(
       "{}\nsimulating {:.0f} s, measuring {:.0f} s, training {:.0f} s, validating {:.0f} s\n",
       command, report.simulating_s, report.measuring_s, report.training_s, report.validating_s);
@@ -65,13 +69,17 @@ void add_bench_train(CLI::App& bench) {
   train->add_option("--seed", training.seed, "seed of all random numbers")->capture_default_str();
   train->add_flag("--from-shipped", training.from_shipped,
                   "begin with the weights that are compiled in, not at random");
+  train->add_flag("--reviewer", training.reviewer,
+                  "train only the reviewer, and keep judge, scout and screen");
   train->add_option("--cache", options->cache, "folder in which simulated fields are kept")
       ->capture_default_str();
   train->add_option("--threads", training.threads, "threads that simulate fields")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  train->add_option("--out", options->out, "file that the weights are written to")
-      ->capture_default_str();
+  train->add_option(
+      "--out", options->out,
+      "file that the weights are written to; by default vortex_classifier_weights.inc "
+      "or vortex_reviewer_weights.inc, as in detect/classifier/");
   train->callback([options] { bench_train(*options); });
 }
 

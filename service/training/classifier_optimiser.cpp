@@ -38,8 +38,13 @@ ClassifierOptimiser::ClassifierOptimiser(ClassifierNetwork& network, int first, 
 }
 
 int ClassifierOptimiser::samples_of(std::size_t layer) const {
-  return first_ + static_cast<int>(layer) < ClassifierNetwork::kEncoderEnd ? batch_ * kPatchLenslets
-                                                                           : batch_;
+  const int i = first_ + static_cast<int>(layer);
+  const auto encodes = [i](const JudgeLayers& judge) {
+    return i >= judge.encoder && i < judge.head;
+  };
+  return encodes(ClassifierNetwork::kJudge) || encodes(ClassifierNetwork::kReviewer)
+             ? batch_ * kPatchLenslets
+             : batch_;
 }
 
 const float* ClassifierOptimiser::run() {
@@ -53,7 +58,7 @@ const float* ClassifierOptimiser::run() {
   return activations_.back().data();
 }
 
-void ClassifierOptimiser::step(double learning_rate) {
+void ClassifierOptimiser::step(double learning_rate, const NetworkSymmetry* symmetry) {
   for (std::size_t u = layers_.size(); u-- > 0;) {
     const DenseLayer& layer = layers_[u];
     const int samples = samples_of(u);
@@ -68,6 +73,7 @@ void ClassifierOptimiser::step(double learning_rate) {
     std::fill(bias.begin(), bias.end(), 0.0F);
     for (std::size_t k = 0; k < output.size(); k += bias.size())
       for (std::size_t o = 0; o < bias.size(); ++o) bias[o] += gradient_[k + o];
+    if (symmetry != nullptr) symmetry->symmetrise(u, moments_[u].weights.gradient, bias);
     if (u == 0) break;
     const auto inputs = static_cast<std::size_t>(layer.inputs);
     const auto outputs = static_cast<std::size_t>(layer.outputs);

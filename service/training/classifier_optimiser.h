@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "detect/classifier/classifier_network.h"
+#include "service/training/network_symmetry.h"
 
 namespace curlew {
 
@@ -19,8 +20,9 @@ class ClassifierOptimiser {
   /// Runs the layers on inputs(). Returns [batch, outputs of the last layer].
   const float* run();
   float* output_gradient() { return gradient_.data(); }  ///< of run()'s result; the caller fills it
-  /// Makes a step by output_gradient(), which is overwritten.
-  void step(double learning_rate);
+  /// Makes a step by output_gradient(), which is overwritten. With a symmetry, by the gradient's
+  /// part that has it.
+  void step(double learning_rate, const NetworkSymmetry* symmetry = nullptr);
 
  private:
   struct Moments {

@@ -10,7 +10,9 @@
 #include <memory>
 #include <mutex>
 #include <numbers>
+#include <optional>
 #include <tuple>
+#include <utility>
 
 #include "acquisition/simulator/random_stream.h"
 #include "core/as_size.h"
@@ -21,14 +23,13 @@
 #include "service/program/parallel.h"
 #include "service/spot_camera.h"
 #include "service/training/classifier_optimiser.h"
+#include "service/training/network_symmetry.h"
 #include "service/training/scout_training.h"
 #include "service/training/training_fields.h"
 #include "service/training/training_lessons.h"
 
 namespace curlew {
 namespace {
-
-constexpr float kScoutRaise = 1.0F;  // of the logit
 
 using Clock = std::chrono::steady_clock;
 double seconds_since(Clock::time_point start) {
@@ -96,19 +97,21 @@ double lose(const NodeLabel& label, const float* output, float scale, float* gra
          lose_pair(label[2], output + kFirstPairOutput, scale, gradient + kFirstPairOutput);
 }
 
-/// Returns the network that takes features as they are, from one that takes them times `scale`.
-ClassifierNetwork scaled(ClassifierNetwork network, const std::array<float, kSpotFeatures>& scale) {
-  DenseLayer& layer = network.layers.front();
+/// Returns the network in which the judge in question takes features as they are, from one in which
+/// it takes them times `scale`.
+ClassifierNetwork scaled(ClassifierNetwork network, const JudgeLayers& judge,
+                         const std::array<float, kSpotFeatures>& scale) {
+  DenseLayer& layer = network.layers[as_size(judge.encoder)];
   const auto outputs = as_size(layer.outputs);
   for (std::size_t k = 0; k < std::size_t{kTraitBlocks} * kSpotFeatures * outputs; ++k)
     layer.weights[k] *= scale[k / outputs % kSpotFeatures];
   return network;
 }
 
-void initialise(ClassifierNetwork& network, RandomStream& random) {
-  for (DenseLayer& layer : network.layers) {
-    const bool last =
-        !ClassifierNetwork::rectified(static_cast<int>(&layer - &network.layers.front()));
+void initialise(ClassifierNetwork& network, int first, int end, RandomStream& random) {
+  for (int i = first; i < end; ++i) {
+    DenseLayer& layer = network.layers[as_size(i)];
+    const bool last = !ClassifierNetwork::rectified(i);
     const double deviation = last ? 0.1 / std::sqrt(layer.inputs) : std::sqrt(2.0 / layer.inputs);
     for (float& weight : layer.weights) weight = static_cast<float>(deviation * random.gaussian());
     std::fill(layer.bias.begin(), layer.bias.end(), 0.0F);
@@ -237,18 +240,42 @@ std::string score_text(const std::vector<ValidationScore>& scores) {
   return text;
 }
 
-/// Trains the encoder and the head, and keeps the network that does best in validation.
-class HeadTraining {
+/// Trains scout and screen of a network whose judges are trained.
+void train_gates(const std::vector<TrainingField>& fields, std::uint64_t seed,
+                 ClassifierNetwork& network, const std::function<void(const std::string&)>& log) {
+  constexpr float kScoutRaise = 1.0F;  // of the logit
+  train_scout(fields, seed, network, log);
+  train_screen(fields, seed, network, log);
+  // The scout's least logit of −2 would be too strict: 2 % of the nodes with a vortex have less
+  // than −3.4. It is raised last, because the screen learns on the nodes that the scout lets pass.
+  network.layers[ClassifierNetwork::kScreen - 1].bias.front() += kScoutRaise;
+}
+
+/// Makes a judge symmetrical, with weights of the size that they had.
+void make_symmetrical(const NetworkSymmetry& symmetry, const JudgeLayers& judge,
+                      ClassifierNetwork& network) {
+  const float kept = std::sqrt(8.0F);  // The mean of eight is as much smaller.
+  for (int i = judge.encoder; i < judge.end; ++i) {
+    DenseLayer& layer = network.layers[as_size(i)];
+    symmetry.symmetrise(as_size(i - judge.encoder), layer.weights, layer.bias);
+    for (float& weight : layer.weights) weight *= kept;
+  }
+}
+
+/// Trains the judge or the reviewer, and keeps the network that does best in validation. The
+/// reviewer is kept symmetrical.
+class JudgeTraining {
  public:
-  HeadTraining(const TrainingOptions& options, const std::vector<TrainingField>& fields,
-               const std::vector<ValidationFields>& validation,
-               const std::function<void(const std::string&)>& log)
+  JudgeTraining(const TrainingOptions& options, const std::vector<TrainingField>& fields,
+                const std::vector<ValidationFields>& validation,
+                const std::function<void(const std::string&)>& log)
       : options_(options),
+        judge_(options.reviewer ? ClassifierNetwork::kReviewer : ClassifierNetwork::kJudge),
         validation_(validation),
         log_(log),
         lessons_(fields, options.seed),
-        network_(initial_network(options, lessons_.scale())),
-        optimiser_(network_, 0, ClassifierNetwork::kHeadEnd, options.batch),
+        network_(initial_network()),
+        optimiser_(network_, judge_.encoder, judge_.end, options.batch),
         labels_(as_size(options.batch)) {}
 
   double seconds() const { return seconds_since(start_); }
@@ -264,22 +291,27 @@ class HeadTraining {
   }
 
  private:
-  static ClassifierNetwork initial_network(const TrainingOptions& options,
-                                           std::array<float, kSpotFeatures> scale) {
-    if (options.from_shipped) {
+  ClassifierNetwork initial_network() {
+    ClassifierNetwork network = shipped_classifier_network();
+    if (options_.reviewer) symmetry_.emplace(judge_);
+    if (options_.from_shipped) {
+      std::array<float, kSpotFeatures> scale = lessons_.scale();
       for (float& factor : scale) factor = 1.0F / factor;
-      return scaled(shipped_classifier_network(), scale);
+      return scaled(std::move(network), judge_, scale);
     }
-    ClassifierNetwork network;
-    RandomStream random(options.seed, 0);
-    initialise(network, random);
+    RandomStream random(options_.seed, 0);
+    if (options_.reviewer) {
+      initialise(network, judge_.encoder, judge_.end, random);
+      make_symmetrical(*symmetry_, judge_, network);
+    } else {
+      initialise(network, 0, ClassifierNetwork::kReviewer.encoder, random);
+    }
     return network;
   }
 
   /// Learns one batch of nodes.
   void learn(int step) {
-    constexpr auto kOutputs =
-        static_cast<std::size_t>(ClassifierNetwork::kOutputs[ClassifierNetwork::kHeadEnd - 1]);
+    constexpr auto kOutputs = static_cast<std::size_t>(kFirstPairOutput + kPairOutputs);
     for (std::size_t i = 0; i < labels_.size(); ++i)
       labels_[i] = lessons_.next(optimiser_.inputs() + i * kPatchLenslets * kTaughtInputs);
     const float* output = optimiser_.run();
@@ -292,7 +324,7 @@ class HeadTraining {
       gradient += kOutputs;
     }
     losses_ += options_.batch;
-    optimiser_.step(learning_rate(step));
+    optimiser_.step(learning_rate(step), symmetry_ ? &*symmetry_ : nullptr);
   }
 
   /// Returns the learning rate, which rises during the warm-up and then falls along a cosine.
@@ -306,7 +338,7 @@ class HeadTraining {
   /// Validates the network as it is now, and keeps it if it is the best so far.
   void try_out(int step, TrainingReport& report) {
     const Clock::time_point validating = Clock::now();
-    const ClassifierNetwork trial = scaled(network_, lessons_.scale());
+    const ClassifierNetwork trial = scaled(network_, judge_, lessons_.scale());
     const std::vector<ValidationScore> scores = validate(validation_, trial);
     report.validating_s += seconds_since(validating);
     log_(fmt::format("step {} of {}, {:.0f} s, loss {:.4f}, {}", step, options_.steps, seconds(),
@@ -321,10 +353,12 @@ class HeadTraining {
   }
 
   const TrainingOptions& options_;
+  const JudgeLayers judge_;
   const std::vector<ValidationFields>& validation_;
   const std::function<void(const std::string&)>& log_;
   Clock::time_point start_ = Clock::now();
   Lessons lessons_;
+  std::optional<NetworkSymmetry> symmetry_;
   ClassifierNetwork network_;
   ClassifierOptimiser optimiser_;
   std::vector<NodeLabel> labels_;
@@ -354,14 +388,10 @@ TrainingReport train_vortex_classifier(const TrainingOptions& options,
   const std::vector<ValidationFields> validation = make_validation_fields(options, cache);
   report.simulating_s = seconds_since(simulating);
 
-  HeadTraining training(options, fields, validation, log);
+  JudgeTraining training(options, fields, validation, log);
   training.run(report);
   const Clock::time_point scouting = Clock::now();
-  train_scout(fields, options.seed, report.network, log);
-  train_screen(fields, options.seed, report.network, log);
-  // The scout's least logit of −2 would be too strict: 2 % of the nodes with a vortex have less
-  // than −3.4. It is raised last, because the screen learns on the nodes that the scout lets pass.
-  report.network.layers[ClassifierNetwork::kScoutEnd - 1].bias.front() += kScoutRaise;
+  if (!options.reviewer) train_gates(fields, options.seed, report.network, log);
   report.scouting_s = seconds_since(scouting);
   report.measuring_s = training.measuring_s();
   report.training_s =
@@ -369,16 +399,21 @@ TrainingReport train_vortex_classifier(const TrainingOptions& options,
   return report;
 }
 
-std::string weights_text(const TrainingReport& report, const std::string& command) {
+std::string weights_text(const TrainingReport& report, const TrainingOptions& options,
+                         const std::string& command) {
   std::string text = fmt::format(
-      "// Weights of the vortex classifier, version 4. Made, not written, by\n//   {}\n"
+      "// Weights of the vortex classifier's {}. Made, not written, by\n//   {}\n"
       "// --from-shipped begins with the weights that stood here before.\n"
       "// Validation (Rytov variance, photons: average precision, F1, rms in pitches):\n",
-      command);
+      options.reviewer ? "reviewer" : "judge, scout and screen, version 4", command);
   for (const ValidationScore& score : report.validation)
     text += fmt::format("//   {}\n", score.text());
+  constexpr int kReviewer = ClassifierNetwork::kReviewer.encoder;
+  const int first = options.reviewer ? kReviewer : 0;
+  const int end = options.reviewer ? ClassifierNetwork::kLayers : kReviewer;
   int column = 0;
-  for (const DenseLayer& layer : report.network.layers) {
+  for (int i = first; i < end; ++i) {
+    const DenseLayer& layer = report.network.layers[as_size(i)];
     for (const AlignedVector<float>* part : {&layer.weights, &layer.bias}) {
       for (const float value : *part) {
         text += fmt::format("{:.4e}F,", static_cast<double>(value));

@@ -20,6 +20,7 @@ struct TrainingOptions {
   double learning_rate = 2e-3;
   std::uint64_t seed = 1;
   bool from_shipped = false;  ///< begin with the weights that are compiled in, not at random
+  bool reviewer = false;      ///< train only the reviewer, and keep all else as it is compiled in
   int threads = 1;            ///< threads that simulate fields; training itself takes one
 };
 
@@ -47,12 +48,15 @@ struct TrainingReport {
   double scouting_s = 0.0;
 };
 
-/// log gets a line now and then. Throws what simulation throws, and what `log` throws.
+/// Trains the judge, then the scout and the screen, beside the reviewer that is compiled in; or
+/// only the reviewer. log gets a line now and then. Throws what simulation throws, and what `log`
+/// throws.
 TrainingReport train_vortex_classifier(const TrainingOptions& options,
                                        const RealisationCache& cache,
                                        const std::function<void(const std::string&)>& log);
 
-/// Returns the text of the file that is compiled in: a comment, then all numbers.
-std::string weights_text(const TrainingReport& report, const std::string& command);
+/// Returns the text of the file that is compiled in: a comment, then all numbers that were trained.
+std::string weights_text(const TrainingReport& report, const TrainingOptions& options,
+                         const std::string& command);
 
 }  // namespace curlew

@@ -120,7 +120,7 @@ GateLessons scout_lessons(const std::vector<TrainingField>& fields,
                  ClassifierWorkspace& workspace, const Image<float>& found) {
                describe_lenslets(frame.centroids, frame.circulation, mean_flux(frame.centroids),
                                  classifier.pixels_per_lambda_w(),
-                                 classifier.codings().as_calibrated().excess_spread,
+                                 classifier.judge().codings.as_calibrated().excess_spread,
                                  workspace.scout);
                for (int row = 0; row < found.rows(); ++row) {
                  describe_nodes(row, workspace.scout);
@@ -137,7 +137,7 @@ GateLessons scout_lessons(const std::vector<TrainingField>& fields,
 /// Returns the lessons of the nodes that the trained scout lets pass.
 GateLessons screen_lessons(const std::vector<TrainingField>& fields,
                            const ClassifierNetwork& network) {
-  constexpr int kCode = ClassifierNetwork::kCode;
+  constexpr int kCode = ClassifierNetwork::kJudge.code;
   constexpr int kInset = (kPatch - kScreenPatch) / 2;
   GateLessons lessons{std::size_t{kScreenPatch} * kScreenPatch * kCode, {}, {}};
   see_fields(fields, network, ClassifierOptions{}.min_scout,
@@ -147,7 +147,7 @@ GateLessons screen_lessons(const std::vector<TrainingField>& fields,
                  const int row = node / found.cols();
                  const int col = node % found.cols();
                  for (int r = row + kInset; r < row + kInset + kScreenPatch; ++r) {
-                   const float* codes = &workspace.exact_codes(r, (col + kInset) * kCode);
+                   const float* codes = &workspace.judged.exact(r, (col + kInset) * kCode);
                    lessons.inputs.insert(lessons.inputs.end(), codes,
                                          codes + std::ptrdiff_t{kScreenPatch} * kCode);
                  }
@@ -222,13 +222,13 @@ void train_gate(const char* name, const GateLessons& lessons, RandomStream rando
 void train_scout(const std::vector<TrainingField>& fields, std::uint64_t seed,
                  ClassifierNetwork& network, const std::function<void(const std::string&)>& log) {
   train_gate("scout", scout_lessons(fields, network), RandomStream(seed, 2),
-             ClassifierNetwork::kHeadEnd, ClassifierNetwork::kScoutEnd, network, log);
+             ClassifierNetwork::kScout, ClassifierNetwork::kScreen, network, log);
 }
 
 void train_screen(const std::vector<TrainingField>& fields, std::uint64_t seed,
                   ClassifierNetwork& network, const std::function<void(const std::string&)>& log) {
   train_gate("screen", screen_lessons(fields, network), RandomStream(seed, 3),
-             ClassifierNetwork::kScoutEnd, ClassifierNetwork::kLayers, network, log);
+             ClassifierNetwork::kScreen, ClassifierNetwork::kReviewer.encoder, network, log);
 }
 
 }  // namespace curlew

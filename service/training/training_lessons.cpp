@@ -14,6 +14,8 @@ constexpr int kExposures = 64;    // at one time
 constexpr int kVisits = 2;        // of each node, each time turned and cut anew
 constexpr double kKeptFar = 0.3;  // part of the nodes without a vortex near that is used
 
+}  // namespace
+
 std::vector<Symmetry> all_symmetries() {
   std::vector<Symmetry> all;
   for (const bool transpose : {false, true})
@@ -21,8 +23,6 @@ std::vector<Symmetry> all_symmetries() {
       for (const int sy : {1, -1}) all.emplace_back(transpose, sx, sy);
   return all;
 }
-
-}  // namespace
 
 Symmetry::Symmetry(bool transpose_first, int sign_x, int sign_y)
     : transpose(transpose_first), sx(sign_x), sy(sign_y) {

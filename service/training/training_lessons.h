@@ -31,6 +31,9 @@ struct Symmetry {
   std::array<float, kSpotFeatures> sign{};
 };
 
+/// Returns the eight of them.
+std::vector<Symmetry> all_symmetries();
+
 class Lessons {
  public:
   /// fields: must outlive the lessons.

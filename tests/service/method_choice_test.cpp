@@ -100,15 +100,18 @@ TEST_F(MethodChoiceTest, SettingsWithoutEffectAreRefused) {
   };
   const auto rate = [](DetectSettings& d) { d.false_alarms_per_frame = 0.1; };
   const auto probability = [](DetectSettings& d) { d.min_probability = 0.7; };
+  const auto review = [](DetectSettings& d) { d.review = false; };
   const auto lobe = [](DetectSettings& d) { d.lobe_fraction = 0.5; };
   EXPECT_TRUE(says(refused(DetectMethod::kClassifier, rate), "no effect on the method classifier"));
   EXPECT_EQ(refused(DetectMethod::kWhitened, rate), "");
   EXPECT_EQ(refused(DetectMethod::kCirculation, rate), "");
   EXPECT_TRUE(says(refused(DetectMethod::kCirculation, probability), "min_probability"));
+  EXPECT_TRUE(says(refused(DetectMethod::kWhitened, review), "[detect] review"));
+  EXPECT_EQ(refused(DetectMethod::kClassifier, review), "");
   EXPECT_EQ(refused(DetectMethod::kClassifier, probability), "");
   EXPECT_TRUE(says(refused(DetectMethod::kWhitened, lobe), "lobe_fraction"));
   EXPECT_EQ(refused(DetectMethod::kCirculation, lobe), "");
-  for (const auto set : {+rate, +probability, +lobe})
+  for (const auto set : {+rate, +probability, +review, +lobe})
     EXPECT_EQ(refused(DetectMethod::kAuto, set), "");
 }
 

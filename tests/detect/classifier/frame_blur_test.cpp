@@ -54,10 +54,10 @@ struct Untold {
   }
 
   double measured_blur(const ClassifierPlan& classifier, ClassifierWorkspace& workspace) {
-    const double core =
-        typical_core_variance(classifier.features(), frame.frame.view(), frame.shift(),
-                              frame.centroids, mean_flux(frame.centroids), workspace.a.data());
-    return classifier.codings().blur_of(core);
+    const double core = typical_core_variance(
+        classifier.features(), frame.frame.view(), frame.shift(), frame.centroids,
+        mean_flux(frame.centroids), workspace.buffers.a.data());
+    return classifier.judge().codings.blur_of(core);
   }
 
   MeasurementPlan plan;
@@ -80,7 +80,8 @@ TEST(FrameBlur, SharpSpotsBehindTurbulenceAreSeenAsCalibrated) {
     const ClassifierPlan classifier({}, untold.camera(), untold.plan.format());
     ClassifierWorkspace workspace(classifier);
     untold.classify(classifier, workspace);
-    EXPECT_EQ(workspace.coding, &classifier.codings().as_calibrated()) << photons << " photons";
+    EXPECT_EQ(workspace.judged.coding, &classifier.judge().codings.as_calibrated())
+        << photons << " photons";
   }
 }
 
@@ -103,7 +104,7 @@ TEST(FrameBlur, BeyondWhatWasTaughtNothingIsFound) {
   const ClassifierPlan classifier({}, untold.camera(), untold.plan.format());
   ClassifierWorkspace workspace(classifier);
   EXPECT_TRUE(untold.classify(classifier, workspace).empty());
-  EXPECT_EQ(workspace.coding, nullptr);
+  EXPECT_EQ(workspace.judged.coding, nullptr);
 }
 
 TEST(FrameBlur, UnknownOrHardlyLargerKeepsTheCalibrations) {

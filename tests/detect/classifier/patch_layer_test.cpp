@@ -24,24 +24,25 @@ class PatchLayerOf : public ::testing::TestWithParam<int> {};
 TEST_P(PatchLayerOf, AgreesWithItsLayer) {
   const ClassifierNetwork network = shipped_classifier_network();
   const DenseLayer& layer = network.layers[static_cast<std::size_t>(GetParam())];
-  const int rows = GetParam() == ClassifierNetwork::kEncoderEnd ? kPatch : kScreenPatch;
+  const int rows = GetParam() == ClassifierNetwork::kScreen ? kScreenPatch : kPatch;
+  const int code_size = layer.inputs / (rows * rows);
   const PatchLayer patch_layer(layer, rows);
-  constexpr std::ptrdiff_t kStep = 400;
   constexpr int kPatches = 15;
+  const std::ptrdiff_t row_step = std::ptrdiff_t{code_size} * (kPatches + kPatch);
   RandomStream random(kSeed, 0);
-  std::vector<float> codes(kStep * kPatch);
+  std::vector<float> codes(static_cast<std::size_t>(row_step * kPatch));
   for (float& code : codes)
     code = static_cast<float>(std::max(0.0, random.uniform() < 0.01 ? 7.9 : random.gaussian()));
   std::vector<std::int16_t> rounded(codes.size());
   round_codes(codes.data(), static_cast<int>(codes.size()), rounded.data());
   std::vector<std::int32_t> starts;
-  for (int i = 0; i < kPatches; ++i) starts.push_back(ClassifierNetwork::kCode * i);
+  for (int i = 0; i < kPatches; ++i) starts.push_back(code_size * i);
   const auto outputs = static_cast<std::size_t>(layer.outputs);
   std::vector<float> all(kPatches * outputs);
-  multiply_patches(patch_layer, rounded.data(), kStep, starts.data(), kPatches, all.data());
+  multiply_patches(patch_layer, rounded.data(), row_step, starts.data(), kPatches, all.data());
   for (int n = 1; n < kPatches; ++n) {
     std::vector<float> out(static_cast<std::size_t>(n) * outputs);
-    multiply_patches(patch_layer, rounded.data(), kStep, starts.data(), n, out.data());
+    multiply_patches(patch_layer, rounded.data(), row_step, starts.data(), n, out.data());
     EXPECT_TRUE(std::equal(out.begin(), out.end(), all.begin())) << n << " patches";
   }
   for (std::size_t patch = 0; patch < kPatches; ++patch) {
@@ -51,7 +52,7 @@ TEST_P(PatchLayerOf, AgreesWithItsLayer) {
       for (int i = 0; i < layer.inputs; ++i) {
         const int width = layer.inputs / rows;
         const double code = static_cast<double>(
-            codes[static_cast<std::size_t>(starts[patch] + i / width * kStep + i % width)]);
+            codes[static_cast<std::size_t>(starts[patch] + i / width * row_step + i % width)]);
         const auto weight =
             static_cast<double>(layer.weights[static_cast<std::size_t>(i) * outputs + o]);
         const double steps = 1.0 / static_cast<double>(patch_layer.scale[o] * kCodeSteps);
@@ -65,23 +66,24 @@ TEST_P(PatchLayerOf, AgreesWithItsLayer) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(HeadAndScreen, PatchLayerOf,
-                         ::testing::Values(ClassifierNetwork::kEncoderEnd,
-                                           ClassifierNetwork::kScoutEnd));
+INSTANTIATE_TEST_SUITE_P(HeadsAndScreen, PatchLayerOf,
+                         ::testing::Values(ClassifierNetwork::kJudge.head,
+                                           ClassifierNetwork::kScreen,
+                                           ClassifierNetwork::kReviewer.head));
 
 TEST(PatchLayer, TheLargestCodesDoNotOverflow) {
   const ClassifierNetwork network = shipped_classifier_network();
-  DenseLayer layer = network.layers[ClassifierNetwork::kEncoderEnd];
+  DenseLayer layer = network.layers[ClassifierNetwork::kJudge.head];
   for (float& weight : layer.weights) weight = std::abs(weight);
   std::fill(layer.bias.begin(), layer.bias.end(), 0.0F);
   const PatchLayer patch_layer(layer, kPatch);
-  const std::vector<float> huge(kPatch * kPatch * ClassifierNetwork::kCode, 1e30F);
+  const std::vector<float> huge(kPatch * kPatch * ClassifierNetwork::kJudge.code, 1e30F);
   std::vector<std::int16_t> codes(huge.size());
   round_codes(huge.data(), static_cast<int>(huge.size()), codes.data());
   EXPECT_EQ(codes.front(), kMaxCode);
   std::vector<float> out(static_cast<std::size_t>(layer.outputs));
   const std::int32_t start = 0;
-  multiply_patches(patch_layer, codes.data(), kPatch * ClassifierNetwork::kCode, &start, 1,
+  multiply_patches(patch_layer, codes.data(), kPatch * ClassifierNetwork::kJudge.code, &start, 1,
                    out.data());
   for (std::size_t o = 0; o < out.size(); ++o) {
     double sum = 0.0;

@@ -70,8 +70,9 @@ Scene vortex_scene(double x, double y, int charge) {
 
 /// Holds the stages from pixels to vortices.
 struct Chain {
-  explicit Chain(const ClassifierOptions& options = {})
-      : plan(options, spot_camera(sensor), format_of_test()) {}
+  explicit Chain(const ClassifierOptions& options = {},
+                 const ClassifierNetwork& network = shipped_classifier_network())
+      : plan(options, spot_camera(sensor), format_of_test(), network) {}
 
   void expose(const Image<float>& light, std::uint64_t seed) {
     RandomStream random(seed, 0);
@@ -281,7 +282,7 @@ TEST(VortexClassifier, FindsWhatItWasTrainedToFind) {
                            unscreened.workspace.nodes.begin(), unscreened.workspace.nodes.end()));
     EXPECT_TRUE(std::includes(exact.workspace.nodes.begin(), exact.workspace.nodes.end(),
                               fast.workspace.nodes.begin(), fast.workspace.nodes.end()));
-    EXPECT_LE(fast.workspace.encoded, exact.workspace.encoded);
+    EXPECT_LE(fast.workspace.measured.count, exact.workspace.measured.count);
     judged += fast.workspace.nodes.size();
     judged_exactly += exact.workspace.nodes.size();
   }
@@ -319,24 +320,62 @@ TEST(VortexClassifier, RefusesWhatItCannotUse) {
   EXPECT_THROW(ClassifierNetwork{few}, Failure);
 }
 
-TEST(ClassifierNetwork, ShippedWeightsGiveWhatTheyGave) {
+/// Returns what the shipped judge or reviewer says of made-up features.
+AlignedVector<float> answers_of(const JudgeLayers& judge) {
   ClassifierNetwork network = shipped_classifier_network();
-  network.layers.front() = layer_for_sensor(network.layers.front(), SensorTraits{}, 0.0);
+  DenseLayer& first = network.layers[static_cast<std::size_t>(judge.encoder)];
+  first = layer_for_sensor(first, SensorTraits{}, 0.0);
   AlignedVector<float> in(kPatchLenslets * kSpotFeatures);
   for (std::size_t i = 0; i < in.size(); ++i) in[i] = 0.1F * static_cast<float>(i % 7) - 0.2F;
-  for (int i = 0; i < ClassifierNetwork::kHeadEnd; ++i) {
+  for (int i = judge.encoder; i < judge.end; ++i) {
     const DenseLayer& layer = network.layers[static_cast<std::size_t>(i)];
-    const int samples = i < ClassifierNetwork::kEncoderEnd ? kPatchLenslets : 1;
+    const int samples = i < judge.head ? kPatchLenslets : 1;
     AlignedVector<float> out(static_cast<std::size_t>(samples * layer.outputs));
     multiply({in.data(), layer.inputs, 1}, layer.weights.data(), layer.bias.data(), samples,
              layer.inputs, layer.outputs, ClassifierNetwork::rectified(i), out.data());
     in = out;
   }
-  // Float rounding differs between instruction sets.
-  constexpr std::array<float, 3> kLogitAndPlace{-2.92448e+00F, 2.00255e-01F, 4.96653e-02F};
-  for (std::size_t i = 0; i < kLogitAndPlace.size(); ++i) {
-    EXPECT_NEAR(in[i], kLogitAndPlace[i], 1e-3F * (1.0F + std::abs(kLogitAndPlace[i])));
+  return in;
+}
+
+TEST(ClassifierNetwork, ShippedWeightsGiveWhatTheyGave) {
+  struct Case {
+    JudgeLayers judge;
+    std::array<float, 3> logit_and_place;
+  };
+  for (const Case& which :
+       {Case{ClassifierNetwork::kJudge, {-2.92448e+00F, 2.00255e-01F, 4.96653e-02F}},
+        Case{ClassifierNetwork::kReviewer, {-1.41042e+00F, 4.83208e-04F, 2.15899e-02F}}}) {
+    const AlignedVector<float> answers = answers_of(which.judge);
+    // Float rounding differs between instruction sets.
+    for (std::size_t i = 0; i < which.logit_and_place.size(); ++i) {
+      const float expected = which.logit_and_place[i];
+      EXPECT_NEAR(answers[i], expected, 1e-3F * (1.0F + std::abs(expected)));
+    }
   }
+}
+
+/// A reviewer that knows nothing, which halves every logit.
+TEST(VortexClassifier, AReviewedAnswerIsTheMeanOfBoth) {
+  ClassifierNetwork network = shipped_classifier_network();
+  DenseLayer& last = network.layers.back();
+  std::fill(last.weights.begin(), last.weights.end(), 0.0F);
+  std::fill(last.bias.begin(), last.bias.end(), 0.0F);
+  const auto surest = [&](double min_review) {
+    Chain chain({.min_probability = 0.02, .min_review = min_review}, network);
+    chain.expose(light_of(vortex_scene(5.2, 6.9, 1), 1000.0), kFieldSeed);
+    const VortexList& found = chain.classify();
+    return found.empty() ? Vortex{} : *found.begin();
+  };
+  const auto logit_of = [](const Vortex& v) {
+    return std::log(v.probability / (1 - v.probability));
+  };
+  const Vortex judged = surest(kNoNode);
+  const Vortex reviewed = surest(ClassifierOptions{}.min_review);
+  EXPECT_GT(judged.probability, 0.9F);
+  EXPECT_NEAR(logit_of(reviewed), 0.5F * logit_of(judged), 0.01F * logit_of(judged));
+  // Nothing that the judge sees is above this.
+  EXPECT_EQ(surest(logit_of(judged) + 5.0F).probability, judged.probability);
 }
 
 TEST(SpotFeatures, ModesTurnAsPicturesDo) {

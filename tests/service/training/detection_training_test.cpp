@@ -14,7 +14,9 @@
 #include "service/bench/detection_score.h"
 #include "service/spot_camera.h"
 #include "service/training/classifier_optimiser.h"
+#include "service/training/network_symmetry.h"
 #include "service/training/training_fields.h"
+#include "service/training/training_lessons.h"
 #include "tests/support/allocation_counter.h"
 #include "tests/support/scratch_directory.h"
 
@@ -22,6 +24,8 @@ namespace curlew {
 namespace {
 
 constexpr std::uint64_t kSeed = 3;
+constexpr JudgeLayers kReviewer = ClassifierNetwork::kReviewer;
+constexpr std::size_t kReviewerLayers = kReviewer.end - kReviewer.encoder;
 
 TEST(ClassifierOptimiser, DescendsToWhatItIsShown) {
   // The targets are linear in a few inputs. For least squares the gradient is the residual.
@@ -32,9 +36,9 @@ TEST(ClassifierOptimiser, DescendsToWhatItIsShown) {
     for (float& weight : layer.weights)
       weight = static_cast<float>(random.gaussian() * std::sqrt(2.0 / layer.inputs));
   }
-  ClassifierOptimiser optimiser(network, 0, ClassifierNetwork::kHeadEnd, kBatch);
-  const auto outputs =
-      static_cast<std::size_t>(ClassifierNetwork::kOutputs[ClassifierNetwork::kHeadEnd - 1]);
+  ClassifierOptimiser optimiser(network, ClassifierNetwork::kJudge.encoder,
+                                ClassifierNetwork::kJudge.end, kBatch);
+  constexpr std::size_t outputs = kFirstPairOutput + kPairOutputs;
   double first = 0.0;
   double last = 0.0;
   for (int step = 0; step < 400; ++step) {
@@ -60,9 +64,86 @@ TEST(ClassifierOptimiser, DescendsToWhatItIsShown) {
   EXPECT_LT(last, 0.5 * first);
 }
 
-TEST(TrainVortexClassifier, SameOptionsSameWeights) {
-  const ScratchDirectory folder;
-  const RealisationCache cache(folder.path());
+// A network whose numbers are the means over the symmetries of random ones says the same of a patch
+// and of the patch turned: equal logits, turned positions and, if it is mirrored, the other charge.
+TEST(NetworkSymmetry, TurnedPatchesHaveTurnedAnswers) {
+  const std::vector<Symmetry> all = all_symmetries();
+  ASSERT_EQ(all.size(), 8U);
+  const int patches = static_cast<int>(all.size());
+  ClassifierNetwork network;
+  RandomStream random(kSeed, 1);
+  const NetworkSymmetry symmetry(kReviewer);
+  for (std::size_t i = 0; i < kReviewerLayers; ++i) {
+    DenseLayer& layer = network.layers[kReviewer.encoder + i];
+    for (AlignedVector<float>* numbers : {&layer.weights, &layer.bias})
+      for (float& number : *numbers) number = static_cast<float>(random.gaussian() * 0.3);
+    symmetry.symmetrise(i, layer.weights, layer.bias);
+    const AlignedVector<float> once = layer.weights;
+    symmetry.symmetrise(i, layer.weights, layer.bias);
+    for (std::size_t k = 0; k < once.size(); ++k)
+      ASSERT_NEAR(layer.weights[k], once[k], 1e-6F) << "layer " << i;
+  }
+  ClassifierOptimiser optimiser(network, kReviewer.encoder, kReviewer.end, patches);
+  std::vector<float> patch(kPatchLenslets * kTaughtInputs);
+  for (float& input : patch) input = static_cast<float>(random.gaussian());
+  constexpr std::size_t kInputs = kPatchLenslets * kTaughtInputs;
+  for (std::size_t s = 0; s < all.size(); ++s) {
+    for (std::size_t i = 0; i < kInputs; ++i) {
+      const auto lenslet = static_cast<std::size_t>(all[s].lenslet[i / kTaughtInputs]);
+      const std::size_t input = i % kTaughtInputs;
+      const std::size_t feature = input % kSpotFeatures;
+      const bool of_spot = input + 1 < kTaughtInputs;
+      const std::size_t from =
+          of_spot ? input - feature + static_cast<std::size_t>(all[s].feature[feature]) : input;
+      optimiser.inputs()[s * kInputs + i] =
+          patch[lenslet * kTaughtInputs + from] * (of_spot ? all[s].sign[feature] : 1.0F);
+    }
+  }
+  const float* output = optimiser.run();
+  constexpr std::size_t kAnswers = kFirstPairOutput + kPairOutputs;
+  const auto unturned = static_cast<std::size_t>(
+      std::find_if(all.begin(), all.end(),
+                   [](const Symmetry& s) { return !s.transpose && s.sx == 1 && s.sy == 1; }) -
+      all.begin());
+  const float* const original = output + unturned * kAnswers;
+  EXPECT_GT(std::abs(original[0] - original[kNodeOutputs]), 0.01F);
+  for (std::size_t s = 0; s < all.size(); ++s) {
+    SCOPED_TRACE(s);
+    const float* const turned = output + s * kAnswers;
+    for (const std::size_t first :
+         {std::size_t{0}, std::size_t{kNodeOutputs}, std::size_t{kFirstPairOutput}}) {
+      const bool swapped = all[s].mirrors() && first != kFirstPairOutput;
+      const float* const from = original + (swapped ? kNodeOutputs - first : first);
+      const Label expected =
+          all[s]({.present = from[0], .weight = 1.0F, .dx = from[1], .dy = from[2]});
+      EXPECT_NEAR(turned[first], expected.present, 1e-4F);
+      EXPECT_NEAR(turned[first + 1], expected.dx, 1e-4F);
+      EXPECT_NEAR(turned[first + 2], expected.dy, 1e-4F);
+      if (all[s].transpose) continue;
+      EXPECT_NEAR(turned[first + 3], from[3], 1e-4F);
+      if (first == kFirstPairOutput) continue;
+      EXPECT_NEAR(turned[first + 4], from[4] * static_cast<float>(all[s].sx * all[s].sy), 1e-4F);
+      EXPECT_NEAR(turned[first + 5], from[5], 1e-4F);
+    }
+  }
+}
+
+TEST(NetworkSymmetry, TheShippedReviewerHasIt) {
+  const ClassifierNetwork network = shipped_classifier_network();
+  const NetworkSymmetry symmetry(kReviewer);
+  for (std::size_t i = 0; i < kReviewerLayers; ++i) {
+    const DenseLayer& shipped = network.layers[kReviewer.encoder + i];
+    DenseLayer layer = shipped;
+    symmetry.symmetrise(i, layer.weights, layer.bias);
+    for (std::size_t k = 0; k < layer.weights.size(); ++k) {
+      const float weight = shipped.weights[k];
+      ASSERT_NEAR(layer.weights[k], weight, 2e-3F * (1.0F + std::abs(weight))) << "layer " << i;
+    }
+  }
+}
+
+/// Returns options for a training of seconds, which teaches nothing useful.
+TrainingOptions short_training() {
   TrainingOptions options;
   options.fields = 2;
   options.validation_fields = 1;
@@ -75,8 +156,15 @@ TEST(TrainVortexClassifier, SameOptionsSameWeights) {
   options.steps = 24;
   options.batch = 64;
 #endif
+  return options;
+}
+
+TEST(TrainVortexClassifier, SameOptionsSameWeights) {
+  const ScratchDirectory folder;
+  const RealisationCache cache(folder.path());
+  TrainingOptions options = short_training();
   const TrainingReport a = train_vortex_classifier(options, cache, [](const std::string&) {});
-  EXPECT_NE(weights_text(a, "x").find("version 4"), std::string::npos);
+  EXPECT_NE(weights_text(a, options, "x").find("version 4"), std::string::npos);
   for (const DenseLayer& layer : a.network.layers) {
     EXPECT_TRUE(std::all_of(layer.weights.begin(), layer.weights.end(),
                             [](float weight) { return std::isfinite(weight); }));
@@ -87,11 +175,40 @@ TEST(TrainVortexClassifier, SameOptionsSameWeights) {
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
   // A sanitizer has seen everything in the first training, which takes it a minute.
   const TrainingReport b = train_vortex_classifier(options, cache, [](const std::string&) {});
-  EXPECT_EQ(weights_text(a, "x"), weights_text(b, "x"));
+  EXPECT_EQ(weights_text(a, options, "x"), weights_text(b, options, "x"));
   options.seed += 1;
   const TrainingReport c = train_vortex_classifier(options, cache, [](const std::string&) {});
-  EXPECT_NE(weights_text(a, "x"), weights_text(c, "x"));
+  EXPECT_NE(weights_text(a, options, "x"), weights_text(c, options, "x"));
 #endif
+}
+
+TEST(TrainVortexClassifier, TheReviewerAloneCanBeTrained) {
+  const ScratchDirectory folder;
+  const RealisationCache cache(folder.path());
+  TrainingOptions options = short_training();
+  options.reviewer = true;
+  const TrainingReport report = train_vortex_classifier(options, cache, [](const std::string&) {});
+  const ClassifierNetwork shipped = shipped_classifier_network();
+  const NetworkSymmetry symmetry(kReviewer);
+  for (int i = 0; i < ClassifierNetwork::kLayers; ++i) {
+    SCOPED_TRACE(i);
+    const DenseLayer& layer = report.network.layers[static_cast<std::size_t>(i)];
+    const bool trained = i >= kReviewer.encoder;
+    EXPECT_EQ(layer.weights != shipped.layers[static_cast<std::size_t>(i)].weights, trained);
+    if (!trained) continue;
+    DenseLayer mean = layer;
+    symmetry.symmetrise(static_cast<std::size_t>(i - kReviewer.encoder), mean.weights, mean.bias);
+    for (std::size_t k = 0; k < mean.weights.size(); ++k)
+      ASSERT_NEAR(mean.weights[k], layer.weights[k], 1e-3F * (1.0F + std::abs(mean.weights[k])));
+  }
+  // The file that is compiled in has the trained numbers only.
+  std::size_t numbers = 0;
+  for (std::size_t i = static_cast<std::size_t>(kReviewer.encoder); i < shipped.layers.size(); ++i)
+    numbers += shipped.layers[i].weights.size() + shipped.layers[i].bias.size();
+  const std::string text = weights_text(report, options, "x");
+  std::size_t written = 0;
+  for (std::size_t at = 0; (at = text.find("F,", at)) != std::string::npos; ++at) ++written;
+  EXPECT_EQ(written, numbers);
 }
 
 TEST(TrainingFields, NeverComeFromTheOtherSubsets) {
