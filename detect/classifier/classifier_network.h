@@ -88,9 +88,9 @@ struct ClassifierNetwork {
   /// Returns whether negative outputs of a layer become 0. Those of all layers do, but for the
   /// layers that give the answers.
   static constexpr bool rectified(int layer) {
-    for (const int after : {kJudge.end, kScreen, kReviewer.encoder, kReviewer.end})
-      if (layer + 1 == after) return false;
-    return true;
+    const int next = layer + 1;
+    return next != kJudge.end && next != kScreen && next != kReviewer.encoder &&
+           next != kReviewer.end;
   }
 
   ClassifierNetwork();
