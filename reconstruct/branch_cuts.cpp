@@ -108,7 +108,7 @@ class Cutter {
     }
   }
 
-  /// This is the edge on one side of a cell: the cell with the number of its first lenslet, and
+  /// This is the edge on one side of a cell: the cell whose first lenslet is the edge's, and
   /// whether it runs to the right.
   struct Edge {
     std::int32_t cell;

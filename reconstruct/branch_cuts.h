@@ -22,9 +22,10 @@ struct CutEdge {
 struct BranchCutWorkspace {
   BranchCutWorkspace(int rows, int cols, std::size_t capacity);
 
-  /// A cell has the number of its first lenslet and cols more: there is a row outside the array
-  /// before the first. What would be a cell of the last row or column lies outside, too. So the
-  /// cells round any other are 1 and cols away.
+  // A cell, between four lenslets, has the number of the first of these and cols more, as if there
+  // were a row before the first. There are (rows + 1)·cols such numbers. Those of a cell before the
+  // first row, or at a lenslet of the last row or column, are of no cell: they lie outside. So the
+  // four round any cell are 1 and cols away.
   struct Residue {
     std::int32_t cell = 0;
     std::int32_t charge = 0;
@@ -36,13 +37,16 @@ struct BranchCutWorkspace {
 
   Image<std::int8_t> turns_right;  ///< [rows, cols] for the edge to the next column's lenslet
   Image<std::int8_t> turns_down;
-  AlignedVector<std::int32_t> cost_right;  ///< [cells] costs of cutting these edges
+  AlignedVector<std::int32_t>
+      cost_right;  ///< [cells] costs of these edges of a cell's first lenslet
   AlignedVector<std::int32_t> cost_down;
-  AlignedVector<std::int32_t> distance;  ///< [cells] to the nearest residue or the array's edge
-  AlignedVector<std::int32_t> owner;     ///< [cells] index of that residue, or their number
-  AlignedVector<std::int8_t> came_by;    ///< [cells] side by which the path arrived
-  AlignedVector<std::int32_t> bucket;    ///< [kBuckets] first entry of each bucket
-  AlignedVector<std::int32_t> next;      ///< [entries]
+  /// [cells] to the nearest residue or the array's edge, and −1 outside.
+  AlignedVector<std::int32_t> distance;
+  /// [cells] index of that residue, or the number of residues for the edge and outside.
+  AlignedVector<std::int32_t> owner;
+  AlignedVector<std::int8_t> came_by;  ///< [cells] side by which the path arrived
+  AlignedVector<std::int32_t> bucket;  ///< [kBuckets] first entry of each bucket
+  AlignedVector<std::int32_t> next;    ///< [entries]
   AlignedVector<std::int32_t> entry_cell;
   AlignedVector<std::int32_t> entry_distance;
   Image<std::int32_t> between;  ///< [terminals, terminals] length of the shortest way found

@@ -25,8 +25,8 @@ class CholeskyFactor {
   /// solve_lower_in_place() are in that order, so that nothing has to be permuted.
   const std::vector<int>& position() const { return position_; }
 
-  /// Computes b ← L⁻¹ b for kLanes vectors. b is [size(), kLanes] in elimination order. For two
-  /// vectors b and c, the product of the results is bᵀA⁻¹c.
+  /// Computes b ← L⁻¹ b for kLanes vectors. b is [size(), kLanes] in elimination order, and begins
+  /// where an AlignedVector may. For two vectors b and c, the product of the results is bᵀA⁻¹c.
   void solve_lower_in_place(float* b) const noexcept;
 
  private:
@@ -38,7 +38,8 @@ class CholeskyFactor {
 };
 
 /// Computes the products of kLanes vectors with kLanes others: the product of a's vector i with b's
-/// vector j goes to products[i·stride + j]. a and b are [n, kLanes].
+/// vector j goes to products[i·stride + j]. a and b are [n, kLanes] and begin where an
+/// AlignedVector may.
 void multiply_lanes(const float* a, const float* b, int n, float* products,
                     std::ptrdiff_t stride) noexcept;
 

@@ -137,20 +137,20 @@ class Chooser {
     const CholeskyFactor& factor = tile_->factor();
     for (std::size_t g = 0; g < groups(); ++g) factor.solve_lower_in_place(group(g));
     for (std::size_t g = 0; g < groups(); ++g)
-      for (std::size_t h = 0; h < groups(); ++h)
+      for (std::size_t h = 0; h <= g; ++h)
         multiply_lanes(group(g), group(h), factor.size(),
                        &ws_.overlap(static_cast<int>(g * kLanes), static_cast<int>(h * kLanes)),
                        ws_.overlap.cols());
     const std::size_t n = ws_.local.size();
     for (std::size_t a = 0; a < n; ++a) {
-      ws_.gain[a] = ws_.overlap(0, static_cast<int>(a) + 1);
+      ws_.gain[a] = ws_.overlap(static_cast<int>(a) + 1, 0);
       for (std::size_t b = 0; b < n; ++b)
         if (ws_.chosen[b] != 0) ws_.gain[a] -= overlap(a, b);
     }
   }
 
   float overlap(std::size_t a, std::size_t b) const {
-    return ws_.overlap(static_cast<int>(a) + 1, static_cast<int>(b) + 1);
+    return ws_.overlap(static_cast<int>(std::max(a, b)) + 1, static_cast<int>(std::min(a, b)) + 1);
   }
 
   /// Returns by how much the cost changes when candidate a is added or taken away. The squares of a
@@ -208,8 +208,9 @@ std::size_t vectors(const VortexChoicePlan& plan) {
   return (plan.capacity() / kLanes + 1) * kLanes;
 }
 
+/// Returns how many faces a tile has at most, and at least 1.
 std::size_t most_faces(const VortexChoicePlan& plan) {
-  int most = 0;
+  int most = 1;
   for (const ChoiceTile& tile : plan.tiles()) most = std::max(most, tile.factor().size());
   return as_size(most);
 }

@@ -25,7 +25,7 @@ struct VortexChoiceWorkspace {
   // local candidate i are vector i + 1.
   FixedList<std::size_t> local;  ///< candidates in the tile or near it
   AlignedVector<float> loops;    ///< [vectors / kLanes, faces, kLanes] L⁻¹l of all vectors
-  Image<float> overlap;          ///< [vectors, vectors] lᵀ(RᵀR)⁻¹l
+  Image<float> overlap;          ///< [vectors, vectors] lᵀ(RᵀR)⁻¹l, below the diagonal
   AlignedVector<float> gain;  ///< [candidates] lᵀ(RᵀR)⁻¹ times the loops not yet explained
   AlignedVector<float> cost;  ///< −log-odds times prior_weight
   std::vector<std::uint8_t> chosen;

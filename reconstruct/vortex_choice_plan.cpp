@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "core/as_size.h"
-#include "reconstruct/vortex_loops.h"
 
 namespace curlew {
 namespace {

@@ -26,7 +26,7 @@ struct SpotCoding {
 /// wider. It is const after construction.
 class SpotCodings {
  public:
-  /// taught: the network's first layer. Where as_trained, features come in the order of
+  /// taught: the first layer of an encoder. Where as_trained, features come in the order of
   /// spot_mode(), else in that of SpotFeatures::measure_many().
   SpotCodings(const DenseLayer& taught, const SpotCamera& camera, bool as_trained);
 

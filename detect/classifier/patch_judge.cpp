@@ -66,15 +66,15 @@ void encode_all(const ClassifierNetwork& network, const PatchJudge& judge, const
 }  // namespace
 
 MeasuredSpots::MeasuredSpots(std::size_t lenslets)
-    : features((lenslets + kJudgeChunk) * kSpotFeatures + kProjectionSlack), places(lenslets) {}
+    : features(lenslets * kSpotFeatures + kProjectionSlack), places(lenslets) {}
 
 LayerBuffers::LayerBuffers()
     : a(as_size(kJudgeChunk) * ClassifierNetwork::kMostInputs), b(a.size()) {}
 
 PatchJudge::PatchJudge(const ClassifierNetwork& network, const JudgeLayers& of_network,
-                       const SpotCamera& camera, bool as_trained_too)
+                       const SpotCamera& camera, bool like_training)
     : layers(of_network),
-      as_trained(as_trained_too),
+      as_trained(like_training),
       codings(network.layers[as_size(layers.encoder)], camera, as_trained),
       head(network.layers[as_size(layers.head)], kPatch) {
   LayerBuffers buffers;

@@ -18,9 +18,9 @@ namespace curlew {
 
 /// Holds what the layers of a judge become for one sensor. It is const after construction.
 struct PatchJudge {
-  /// as_trained: see ClassifierOptions.
+  /// like_training: see ClassifierOptions::as_trained.
   PatchJudge(const ClassifierNetwork& network, const JudgeLayers& of_network,
-             const SpotCamera& camera, bool as_trained);
+             const SpotCamera& camera, bool like_training);
 
   JudgeLayers layers;
   bool as_trained;
@@ -55,7 +55,8 @@ struct FrameSpots {
 struct MeasuredSpots {
   explicit MeasuredSpots(std::size_t lenslets);
 
-  AlignedVector<float> features;       ///< [lenslets, kSpotFeatures] in the order of measuring
+  /// [lenslets, kSpotFeatures] in the order of measuring, and room for kProjectionSlack more.
+  AlignedVector<float> features;
   std::size_t count = 0;               ///< number of spots that were measured
   AlignedVector<std::int32_t> places;  ///< [lenslets] where each stands among these
 };

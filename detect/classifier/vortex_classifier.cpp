@@ -141,7 +141,7 @@ Vortex vortex_of(const PairOutput& output, const PairOutput& exponentials, int r
   return vortex;
 }
 
-/// Returns part `part` of a list that goes through layers by kJudgeChunk, as long as there is any.
+/// Returns up to kJudgeChunk items of a list, from index `first` on.
 std::span<const std::int32_t> chunk_of(const FixedList<std::int32_t>& list,
                                        std::size_t first) noexcept {
   return {list.begin() + first, std::min<std::size_t>(kJudgeChunk, list.size() - first)};
@@ -281,6 +281,9 @@ void find_classified_vortices(const ClassifierPlan& plan, FrameView frame, const
   check_size("find_classified_vortices", "circulation", size_of(circulation.value),
              {plan.rows() - 1, plan.cols() - 1});
   vortices.clear();
+  workspace.measured.count = 0;
+  workspace.nodes.clear();
+  workspace.to_review.clear();
   const FrameSpots spots{plan.features(), frame, shift, centroids, mean_flux(centroids)};
   const float mean = spots.mean_flux_adu;
   const double core = typical_core_variance(plan.features(), frame, shift, centroids, mean,
@@ -291,7 +294,6 @@ void find_classified_vortices(const ClassifierPlan& plan, FrameView frame, const
   if (workspace.judged.coding == nullptr) return;
   workspace.lit.look_at(centroids, mean);
   choose_nodes(plan, centroids, circulation, mean, workspace);
-  workspace.measured.count = 0;
   workspace.wanted.fill(0);
   const auto encode = [&](int size) {
     measure_and_encode(plan.network(), plan.judge(), spots,

@@ -36,7 +36,8 @@ struct ClassifierOptions {
   double min_review = -2.0;
   /// If true, the classifier sums in the order and to the precision of the training and has no
   /// screen, which is slower. Probabilities differ by less than .01, except where a spot's signal
-  /// is not above 0 and its noise is not known.
+  /// is not above 0 and its noise is not known, and where a logit of the judge is just at
+  /// min_review, so that the reviewer is asked in one of the two cases only.
   bool as_trained = false;
 };
 
@@ -78,9 +79,9 @@ struct ClassifierWorkspace {
   explicit ClassifierWorkspace(const ClassifierPlan& plan);
 
   ScoutWorkspace scout;
-  SpotCodes judged;    ///< the spots' codes for the judge
-  SpotCodes reviewed;  ///< and for the reviewer
-  MeasuredSpots measured;
+  SpotCodes judged;        ///< the spots' codes for the judge
+  SpotCodes reviewed;      ///< and for the reviewer
+  MeasuredSpots measured;  ///< by the judge, for both
   /// One lenslet wider all round, and to a multiple of 8 columns: 1 wanted, 3 listed.
   Image<std::uint8_t> wanted;
   FixedList<std::int32_t> lenslets;   ///< lenslets encoded last

@@ -251,10 +251,9 @@ void train_gates(const std::vector<TrainingField>& fields, std::uint64_t seed,
   network.layers[ClassifierNetwork::kScreen - 1].bias.front() += kScoutRaise;
 }
 
-/// Makes a judge symmetrical, with weights of the size that they had.
-void make_symmetrical(const NetworkSymmetry& symmetry, const JudgeLayers& judge,
+/// Makes a judge symmetrical. `kept` scales the weights.
+void make_symmetrical(const NetworkSymmetry& symmetry, const JudgeLayers& judge, float kept,
                       ClassifierNetwork& network) {
-  const float kept = std::sqrt(8.0F);  // The mean of eight is as much smaller.
   for (int i = judge.encoder; i < judge.end; ++i) {
     DenseLayer& layer = network.layers[as_size(i)];
     symmetry.symmetrise(as_size(i - judge.encoder), layer.weights, layer.bias);
@@ -297,12 +296,15 @@ class JudgeTraining {
     if (options_.from_shipped) {
       std::array<float, kSpotFeatures> scale = lessons_.scale();
       for (float& factor : scale) factor = 1.0F / factor;
-      return scaled(std::move(network), judge_, scale);
+      network = scaled(std::move(network), judge_, scale);
+      if (symmetry_) make_symmetrical(*symmetry_, judge_, 1.0F, network);
+      return network;
     }
     RandomStream random(options_.seed, 0);
     if (options_.reviewer) {
       initialise(network, judge_.encoder, judge_.end, random);
-      make_symmetrical(*symmetry_, judge_, network);
+      // The mean of eight random numbers is as much smaller.
+      make_symmetrical(*symmetry_, judge_, std::sqrt(8.0F), network);
     } else {
       initialise(network, 0, ClassifierNetwork::kReviewer.encoder, random);
     }
@@ -404,7 +406,9 @@ std::string weights_text(const TrainingReport& report, const TrainingOptions& op
   std::string text = fmt::format(
       "// Weights of the vortex classifier's {}. Made, not written, by\n//   {}\n"
       "// --from-shipped begins with the weights that stood here before.\n"
-      "// Validation (Rytov variance, photons: average precision, F1, rms in pitches):\n",
+      "// Validation of judge and reviewer together (Rytov variance, photons: average precision, "
+      "F1, "
+      "rms in pitches):\n",
       options.reviewer ? "reviewer" : "judge, scout and screen, version 4", command);
   for (const ValidationScore& score : report.validation)
     text += fmt::format("//   {}\n", score.text());

@@ -97,24 +97,27 @@ void NetworkSymmetry::symmetrise(std::size_t layer, AlignedVector<float>& weight
   const LayerMoves& moves = layers_[layer];
   const std::size_t outputs = bias.size();
   const std::size_t inputs = weights.size() / outputs;
-  AlignedVector<float> sums(weights.size(), 0.0F);
-  AlignedVector<float> bias_sums(outputs, 0.0F);
-  std::vector<float> counts(outputs, 0.0F);
+  // In double, so that numbers that cancel leave nothing: Adam would make steps of what is left.
+  std::vector<double> sums(weights.size(), 0.0);
+  std::vector<double> bias_sums(outputs, 0.0);
+  std::vector<double> counts(outputs, 0.0);
   for (std::size_t s = 0; s < kSymmetries; ++s) {
     const Move& in = moves.inputs[s];
     const Move& out = moves.outputs[s];
     for (std::size_t o = 0; o < outputs; ++o) {
-      counts[out.place[o]] += std::abs(out.sign[o]);
-      bias_sums[out.place[o]] += out.sign[o] * bias[o];
+      counts[out.place[o]] += static_cast<double>(std::abs(out.sign[o]));
+      bias_sums[out.place[o]] += static_cast<double>(out.sign[o] * bias[o]);
     }
     for (std::size_t i = 0; i < inputs; ++i) {
-      float* const to = &sums[in.place[i] * outputs];
+      double* const to = &sums[in.place[i] * outputs];
       for (std::size_t o = 0; o < outputs; ++o)
-        to[out.place[o]] += in.sign[i] * out.sign[o] * weights[i * outputs + o];
+        to[out.place[o]] +=
+            static_cast<double>(in.sign[i] * out.sign[o] * weights[i * outputs + o]);
     }
   }
-  for (std::size_t k = 0; k < weights.size(); ++k) weights[k] = sums[k] / counts[k % outputs];
-  for (std::size_t o = 0; o < outputs; ++o) bias[o] = bias_sums[o] / counts[o];
+  for (std::size_t k = 0; k < weights.size(); ++k)
+    weights[k] = static_cast<float>(sums[k] / counts[k % outputs]);
+  for (std::size_t o = 0; o < outputs; ++o) bias[o] = static_cast<float>(bias_sums[o] / counts[o]);
 }
 
 }  // namespace curlew

@@ -1,4 +1,4 @@
-// The symmetry of the square, which the reviewer of the vortex classifier obeys exactly.
+// The symmetry of the square, which the reviewer of the vortex classifier obeys.
 #pragma once
 
 #include <cstddef>

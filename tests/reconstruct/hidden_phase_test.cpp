@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <numbers>
 #include <random>
 #include <vector>
@@ -62,9 +64,9 @@ double true_phase(const std::vector<TestVortex>& vortices, double x, double y) {
 struct Frame {
   Frame(const Mask& valid, const SlopeField& slopes_in, const VortexList& candidates,
         const Image<float>& flux, const HiddenPhaseOptions& options = {},
-        const SplitOptions& split_options = {})
+        const SplitOptions& split_options = {}, std::size_t capacity = 64)
       : split_plan(valid, split_options),
-        plan(split_plan, options, 64),
+        plan(split_plan, options, capacity),
         split_workspace(split_plan),
         workspace(plan),
         split(valid.rows(), valid.cols()),
@@ -210,6 +212,47 @@ TEST(HiddenPhase, ChoosesOnArraysOfManyTilesToo) {
   for (std::size_t i = 0; i < vortices.size(); ++i)
     EXPECT_FLOAT_EQ(frame.workspace.vortices[i].x, static_cast<float>(vortices[i].x));
   EXPECT_LT(rms_error(frame, valid, vortices, 2.0), 0.15);
+}
+
+// One tile has more candidates than are solved side by side. Capacities end before, at and after a
+// whole group.
+TEST(HiddenPhase, ChoosesAmongManyInOneTile) {
+  const int n = 24;
+  const Mask valid = square_pupil(n);
+  std::vector<TestVortex> vortices;
+  std::vector<TestVortex> false_ones;
+  for (int i = 0; i < 4; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      const double x = 2.3 + 5.6 * i;
+      const double y = 3.2 + 7.1 * j;
+      vortices.push_back({x, y, (i + j) % 2 == 0 ? 1 : -1});
+      false_ones.push_back({x - 0.6, y + 3.4, (i * j) % 2 == 0 ? 1 : -1});
+      false_ones.push_back({x + 2.1, y + 2.8, (i * j) % 2 == 0 ? 1 : -1});
+    }
+  }
+  const SlopeField slopes = slopes_of(valid, vortices);
+  const VortexList true_candidates = list_of(vortices, 0.3F);
+  const VortexList false_candidates = list_of(false_ones, 0.3F);
+  for (const std::size_t capacity :
+       {std::size_t{15}, std::size_t{16}, std::size_t{31}, std::size_t{36}}) {
+    SCOPED_TRACE(capacity);
+    VortexList candidates(capacity);
+    // The true ones stand first, last and between, as far as there is room.
+    for (std::size_t i = 0; i < false_ones.size() && candidates.size() + vortices.size() < capacity;
+         ++i)
+      candidates.push(false_candidates[i]);
+    for (const Vortex& v : true_candidates) candidates.push(v);
+    std::rotate(candidates.begin(), candidates.begin() + 7, candidates.end());
+    ASSERT_EQ(candidates.size(), capacity);
+    const Frame frame(valid, slopes, candidates, even_light(valid), {}, {}, capacity);
+    const VortexList& chosen = frame.workspace.vortices;
+    ASSERT_EQ(chosen.size(), vortices.size());
+    for (const TestVortex& v : vortices) {
+      EXPECT_TRUE(std::any_of(chosen.begin(), chosen.end(), [&](const Vortex& c) {
+        return c.x == static_cast<float>(v.x) && c.y == static_cast<float>(v.y);
+      }));
+    }
+  }
 }
 
 TEST(HiddenPhase, MirroredInputMirrorsOutput) {
