@@ -313,7 +313,7 @@ class JudgeTraining {
 
   /// Learns one batch of nodes.
   void learn(int step) {
-    constexpr auto kOutputs = static_cast<std::size_t>(kFirstPairOutput + kPairOutputs);
+    constexpr std::size_t kOutputs = kFirstPairOutput + kPairOutputs;
     for (std::size_t i = 0; i < labels_.size(); ++i)
       labels_[i] = lessons_.next(optimiser_.inputs() + i * kPatchLenslets * kTaughtInputs);
     const float* output = optimiser_.run();
