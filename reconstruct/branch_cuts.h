@@ -37,8 +37,8 @@ struct BranchCutWorkspace {
 
   Image<std::int8_t> turns_right;  ///< [rows, cols] for the edge to the next column's lenslet
   Image<std::int8_t> turns_down;
-  AlignedVector<std::int32_t>
-      cost_right;  ///< [cells] costs of these edges of a cell's first lenslet
+  /// [cells] what it costs to cut these two edges of a cell's first lenslet.
+  AlignedVector<std::int32_t> cost_right;
   AlignedVector<std::int32_t> cost_down;
   /// [cells] to the nearest residue or the array's edge, and −1 outside.
   AlignedVector<std::int32_t> distance;
